@@ -1,0 +1,1 @@
+"""Controllers and their parts: compiled, without I/O, clock or configuration files."""

@@ -1,0 +1,1 @@
+"""State estimators: compiled filters without I/O, clock or configuration files."""

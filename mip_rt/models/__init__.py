@@ -1,0 +1,1 @@
+"""Pure dynamics and kinematics: equations without filters, clocks, configuration or I/O."""

@@ -1,0 +1,1 @@
+"""What a robot is: its model, estimators, controller and compiled step."""

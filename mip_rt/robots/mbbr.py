@@ -1,0 +1,301 @@
+"""The micro ball-balancing robot: its compiled step, from the raw sensors in a frame to the duties in the same frame.
+
+One call a tick: `step(parameters, state, estimator parameters, estimator states, ring, row)`. Deterministic and total: the same
+parameters, state and sensor fields give the same outputs; nothing is allocated, nothing is raised, failures become bits of
+`frame.limits`. Estimators are slots of one array: slot 0 controls, the others run on the same samples in shadow.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from mip_rt import frame
+from mip_rt.compiled import njit, record_array
+from mip_rt.controllers import gain_schedule, reference, state_feedback, wheel_drive
+from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf
+from mip_rt.robots import mbbr_sensors
+
+KIND_EKF = 0
+KIND_KF = 1
+
+PARAMETERS = np.dtype(
+    [
+        ("sensors", mbbr_sensors.PARAMETERS),
+        ("reference", reference.PARAMETERS),
+        ("schedule", gain_schedule.PARAMETERS),
+        ("feedback", state_feedback.PARAMETERS),
+        ("drive", wheel_drive.PARAMETERS),
+        ("dt_s", "f8"),
+        ("tip_rad", "f8"),
+        ("nominal_voltage_v", "f8"),
+        ("battery_pole", "f8"),  # smooths the battery reading used for voltage scaling
+    ],
+    align=True,
+)
+STATE = np.dtype(
+    [
+        ("sensors", mbbr_sensors.STATE),
+        ("reference", reference.STATE),
+        ("schedule", gain_schedule.STATE),
+        ("feedback", state_feedback.STATE),
+        ("applied", "f8", (3,)),  # body command in force since the previous tick, as the estimators are told
+        ("measured", "f8", (8,)),
+        ("measured_kf", "f8", (6,)),
+        ("battery_v", "f8"),
+        ("engaged", "i8"),
+    ],
+    align=True,
+)
+ESTIMATOR_PARAMETERS = np.dtype(
+    [
+        ("kind", "i8"),
+        ("dmp_attitude", "i8"),  # 1: roll and pitch handed to the controller are the DMP's
+        ("ekf", mbbr_ekf.PARAMETERS),
+        ("kf", mbbr_kf.PARAMETERS),
+    ],
+    align=True,
+)
+ESTIMATOR_STATE = np.dtype([("filter", ekf.STATE), ("ball_angle_rad", "f8", (2,))], align=True)
+
+GYRO_BITS = 0b00000111
+ENCODER_BITS = 0b00111000
+ACCELEROMETER_BITS = 0b11000000
+
+
+@njit
+def _valid_for_kf(valid):
+    """The six-measurement mask of the KF from the eight-measurement mask: gyro and encoder z are left out."""
+    return (valid & 0b11) | ((valid >> 3 & 0b11) << 2) | ((valid >> 6 & 0b11) << 4)
+
+
+@njit
+def _reset_estimator(p, s, row):
+    roll, pitch, yaw = row.attitude_rad[0], row.attitude_rad[1], row.attitude_rad[2]
+    if p.kind == KIND_EKF:
+        mbbr_ekf.reset(p.ekf, s.filter, roll, pitch, yaw, row.body_angle_rad, row.gyro_rad_s)
+    else:
+        mbbr_kf.reset(p.kf, s.filter, roll, pitch, row.body_angle_rad, row.gyro_rad_s)
+
+
+@njit
+def _estimate(p, s, dt, row, slot):
+    """Writes the slot's estimate from its filter, and integrates the inertial ball angles."""
+    out = row.estimates[slot]
+    x = s.filter.x
+    if p.kind == KIND_EKF:
+        for i in range(3):
+            out[i] = x[i]
+        for i in range(5):
+            out[3 + i] = x[5 + i]
+    else:
+        out[0] = x[0]
+        out[1] = x[1]
+        out[2] = row.attitude_rad[2]
+        out[3] = x[4]
+        out[4] = x[5]
+        out[5] = row.gyro_rad_s[2]
+        out[6] = x[6]
+        out[7] = x[7]
+    if p.dmp_attitude == 1:
+        out[0] = row.attitude_rad[0]
+        out[1] = row.attitude_rad[1]
+    cosine = math.cos(out[2])
+    sine = math.sin(out[2])
+    s.ball_angle_rad[0] += dt * (cosine * out[6] - sine * out[7])
+    s.ball_angle_rad[1] += dt * (sine * out[6] + cosine * out[7])
+    out[8] = s.ball_angle_rad[0]
+    out[9] = s.ball_angle_rad[1]
+
+
+@njit
+def _run_estimators(p, s, ep, es, row, valid, fresh_start):
+    """One cycle of every slot; returns the bits of frame.LIMITS that concern the estimator in control."""
+    limits = 0
+    y = s.measured
+    for i in range(3):
+        y[i] = row.gyro_rad_s[i]
+        y[3 + i] = row.body_angle_rad[i]
+    y[6] = row.acceleration_m_s2[0]
+    y[7] = row.acceleration_m_s2[1]
+    six = s.measured_kf
+    for i in range(2):
+        six[i] = y[i]
+        six[2 + i] = y[3 + i]
+        six[4 + i] = y[6 + i]
+    for slot in range(len(ep)):
+        pe = ep[slot]
+        se = es[slot]
+        if fresh_start:
+            _reset_estimator(pe, se, row)
+            se.ball_angle_rad[0] = 0.0
+            se.ball_angle_rad[1] = 0.0
+        elif pe.kind == KIND_EKF:
+            mbbr_ekf.step(pe.ekf, se.filter, s.applied, y, valid)
+        else:
+            mbbr_kf.step(pe.kf, se.filter, s.applied, six, _valid_for_kf(valid), row.gyro_rad_s[2])
+        flags = se.filter.flags
+        row.estimator_flags[slot] = flags
+        if flags & ekf.UNHEALTHY:
+            _reset_estimator(pe, se, row)
+        _estimate(pe, se, p.dt_s, row, slot)
+        if slot == 0:
+            if flags & (ekf.REJECTED | ekf.REACCEPTED):
+                limits |= frame.LIMIT_INNOVATION_REJECTED
+            if flags & ekf.NOT_FINITE:
+                limits |= frame.LIMIT_NOT_FINITE
+            if flags & ekf.UNHEALTHY:
+                limits |= frame.LIMIT_ESTIMATOR_RESET
+            if flags & ekf.BOUNDED:
+                limits |= frame.LIMIT_COVARIANCE_BOUNDED
+    control = es[0].filter
+    for i in range(16):
+        row.state_estimate[i] = control.x[i]
+        row.state_variance[i] = control.P[i, i]
+    for i in range(8):
+        row.innovation[i] = control.innovation[i]
+    return limits
+
+
+@njit
+def _battery(p, s, row):
+    """Voltage to scale with: the smoothed plausible reading, or nominal; returns (volts, limit bits)."""
+    reading = row.battery_v
+    if reading > 0.0 and reading < math.inf:
+        s.battery_v += (1.0 - p.battery_pole) * (reading - s.battery_v)
+        return s.battery_v, 0
+    return p.nominal_voltage_v, frame.LIMIT_BATTERY_UNKNOWN
+
+
+@njit
+def _control(p, s, row):
+    """References, feedback, compensation, wheel commands; returns limit bits."""
+    limits = 0
+    estimate = row.estimates[0]
+    ref = s.reference
+    reference.step(
+        p.reference,
+        ref,
+        row.remote_velocity_m_s[0],
+        row.remote_velocity_m_s[1],
+        row.remote_yaw_rate_rad_s,
+        estimate,
+    )
+    gain_schedule.step(p.schedule, s.schedule, ref.yaw_rate_rad_s)
+    if state_feedback.step(
+        p.feedback, s.feedback, ref, s.schedule.gains, estimate, row.error, row.reference_lean_rad, row.command_feedback
+    ):
+        limits |= frame.LIMIT_LEAN_LIMITED
+    wheel_drive.friction_add(p.drive, estimate, row.command_friction)
+    battery_v, battery_limits = _battery(p, s, row)
+    bits = wheel_drive.step(
+        p.drive,
+        row.command_feedback,
+        row.command_friction,
+        row.drive_scale,
+        row.wheel_rate_rad_s,
+        battery_v,
+        row.command_wheel,
+        row.command_applied,
+        row.duty,
+        row.duty_ns,
+    )
+    if bits & wheel_drive.CLIPPED:
+        limits |= frame.LIMIT_WHEEL_SATURATED
+    if bits & wheel_drive.CURRENT_SATURATED:
+        limits |= frame.LIMIT_COAST_SATURATED
+    if bits & wheel_drive.NOT_FINITE:
+        limits |= frame.LIMIT_DUTY_REFUSED | frame.LIMIT_NOT_FINITE
+    for i in range(2):
+        row.reference_velocity_rad_s[i] = ref.rate_rad_s[i]
+        row.reference_angle_rad[i] = ref.angle_rad[i]
+    row.reference_yaw_rad[0] = ref.yaw_rad
+    row.reference_yaw_rad[1] = ref.yaw_rate_rad_s
+    for i in range(gain_schedule.GAINS):
+        row.gains[i] = s.schedule.gains[i]
+    return limits | battery_limits
+
+
+@njit
+def _rest(row):
+    """Outputs of a tick without control: zero commands."""
+    for i in range(10):
+        row.error[i] = 0.0
+    for i in range(4):
+        row.reference_lean_rad[i] = 0.0
+    for i in range(3):
+        row.command_feedback[i] = 0.0
+        row.command_friction[i] = 0.0
+        row.command_wheel[i] = 0.0
+        row.command_applied[i] = 0.0
+        row.duty[i] = 0.0
+        row.duty_ns[i] = 0
+
+
+SIGNATURE = numba.void(
+    record_array(PARAMETERS),
+    record_array(STATE),
+    record_array(ESTIMATOR_PARAMETERS),
+    record_array(ESTIMATOR_STATE),
+    record_array(frame.FRAME),
+    numba.int64,
+)
+
+
+@njit([SIGNATURE])
+def step(parameters, state, estimator_parameters, estimator_states, ring, index):
+    """One tick of the robot: reads the raw sensor fields of ring[index] and writes all other fields of that row.
+
+    Args:
+        parameters: (1,) PARAMETERS.
+        state: (1,) STATE.
+        estimator_parameters: (n,) ESTIMATOR_PARAMETERS, slot 0 controls.
+        estimator_states: (n,) ESTIMATOR_STATE.
+        ring: (rows,) frame.FRAME.
+        index: row of this tick.
+    """
+    p = parameters[0]
+    s = state[0]
+    row = ring[index]
+    limits = mbbr_sensors.step(p.sensors, s.sensors, row)
+    valid = mbbr_ekf.ALL_VALID
+    if limits & frame.LIMIT_IMU_MISSING:
+        valid &= ~(GYRO_BITS | ACCELEROMETER_BITS)
+    if limits & frame.LIMIT_ENCODER_JUMP:
+        valid &= ~ENCODER_BITS
+    lean = math.cos(row.attitude_rad[0]) * math.cos(row.attitude_rad[1])
+    if not lean > math.cos(p.tip_rad):
+        limits |= frame.LIMIT_TIPPED
+
+    if row.request & frame.REQUEST_ENGAGED:
+        start = s.engaged == 0
+        limits |= _run_estimators(p, s, estimator_parameters, estimator_states, row, valid, start)
+        if start:
+            reference.reset(s.reference, row.estimates[0, 2], row.estimates[0, 8], row.estimates[0, 9])
+            gain_schedule.reset(p.schedule, s.schedule)
+            state_feedback.reset(s.feedback)
+        if row.request & frame.REQUEST_HEADING_RESET:
+            s.reference.forward_yaw_rad = row.estimates[0, 2]
+        limits |= _control(p, s, row)
+        s.engaged = 1
+    else:
+        s.engaged = 0
+        _rest(row)
+        for slot in range(len(estimator_parameters)):
+            estimate = row.estimates[slot]
+            for i in range(3):
+                estimate[i] = row.attitude_rad[i]
+                estimate[3 + i] = row.gyro_rad_s[i]
+            for i in range(6, 10):
+                estimate[i] = 0.0
+            row.estimator_flags[slot] = 0
+        if not row.battery_v > 0.0:
+            limits |= frame.LIMIT_BATTERY_UNKNOWN
+        s.battery_v = p.nominal_voltage_v if limits & frame.LIMIT_BATTERY_UNKNOWN else row.battery_v
+    for i in range(3):
+        applied = row.command_applied[i]
+        if not abs(applied) < math.inf:
+            applied = 0.0
+            limits |= frame.LIMIT_NOT_FINITE
+        s.applied[i] = applied
+    row.limits = limits

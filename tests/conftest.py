@@ -1,0 +1,22 @@
+"""What all tests share: hypothesis profiles and the versions that a test report must name."""
+
+import importlib.metadata
+import os
+import platform
+
+from hypothesis import HealthCheck, settings
+
+# The first call of a compiled function takes seconds, so no deadline. CI must not depend on luck, so it draws the same examples.
+settings.register_profile("host", deadline=None, derandomize="CI" in os.environ)
+# tools/test-armhf: emulation is about 20 times slower.
+settings.register_profile(
+    "emulated", deadline=None, derandomize=True, max_examples=10, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("host")
+
+
+def pytest_report_header() -> str:
+    names = ("numba", "numpy", "smbus2", "PyYAML", "pyserial")
+    versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in names)
+    compiled = "not compiled" if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0") else "compiled"
+    return f"{platform.machine()}, {versions}, {compiled}"
