@@ -1,0 +1,150 @@
+"""The simulated world: the robot, its motors and its sensors, from the configuration's model and its `dry_run` section.
+
+`World.advance` moves everything by one IMU sample (5 ms) in one compiled call, and leaves what the chips would hold: the DMP's packet, the raw
+registers, the encoder counts, the battery's ADC reading; and the truth, for judging estimators. Randomness comes from one seeded
+generator, drawn in blocks: the same seed and commands give the same world, bit for bit.
+"""
+
+import math
+
+import numpy as np
+
+from mip_rt.fake import plant
+from mip_rt.models import mbbr
+from mip_rt.robots.mbbr_setup import orthonormal
+
+BLOCK = 1024  # samples of random numbers drawn at a time
+TRUTH_ROWS = 4096
+SAMPLE_S = 0.005
+GROUND_TILT_RAD = math.radians(80.0)
+
+
+def rotation_from_vector(vector) -> np.ndarray:
+    """(3, 3) rotation by a small rotation vector, rad."""
+    x, y, z = vector
+    angle = math.sqrt(x * x + y * y + z * z)
+    if angle == 0.0:
+        return np.eye(3)
+    k = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) / angle
+    return np.eye(3) + math.sin(angle) * k + (1.0 - math.cos(angle)) * (k @ k)
+
+
+class World:
+    """One simulated robot.
+
+    Args:
+        config: a configuration with model, wheels, motor, motors, encoders, imu, friction, battery and dry_run sections.
+        seed: of all randomness.
+
+    Attributes:
+        packet: (32,) uint8, the DMP's packet of the newest sample, in the chip's form.
+        raw: (14,) uint8, accelerometer, temperature and gyro registers.
+        counts: (3,) int64 encoder counts by wheel, wiring signs included.
+        truth: (TRUTH_ROWS,) plant.TRUTH ring, row `truth_row` is the newest.
+    """
+
+    def __init__(self, config, seed: int):
+        self._random = np.random.default_rng(seed)
+        self.parameters = np.zeros(1, plant.PARAMETERS).view(np.recarray)
+        self.state = np.zeros(1, plant.STATE).view(np.recarray)
+        self.truth = np.zeros(TRUTH_ROWS, plant.TRUTH).view(np.recarray)
+        self.truth_row = 0
+        self.samples = 0
+        self._normals = self._random.standard_normal((BLOCK, plant.NORMALS))
+        self._adc = (config.battery.ratio, config.battery.offset_v)
+        _configure(self.parameters[0], config)
+        s = self.state[0]
+        s.battery_v = self.parameters[0].battery_v
+        self.packet, self.counts = s.packet, s.count
+        self.raw = s.raw[:14]
+        self.lean_rad = config.dry_run.initial_lean_rad
+        self.hold()
+
+    def hold(self) -> None:
+        """The operator picks the robot up and holds it at the configured lean."""
+        s = self.state[0]
+        s.held = 1
+        s.hand_rad[:] = self.lean_rad
+        s.x[0], s.x[1] = self.lean_rad
+
+    def release(self) -> None:
+        """The operator lets go; a robot that lies stays down."""
+        s = self.state[0]
+        if s.held == 1:
+            s.held = 0
+
+    @property
+    def held(self) -> bool:
+        """True while in the operator's hands."""
+        return self.state[0].held == 1
+
+    @property
+    def battery_raw(self) -> int:
+        """The ADC's reading of the battery behind its divider, 12 bits at 1.8 V."""
+        ratio, offset_v = self._adc
+        raw = round((float(self.state[0].battery_v) - offset_v) / ratio / 1.8 * 4095.0)
+        return min(max(raw, 0), 4095)
+
+    def advance(self, duty, enabled: bool) -> None:
+        """One sample: duty is a (3,) float64 array of signed duties by wheel."""
+        block_row = self.samples % BLOCK
+        if block_row == 0 and self.samples:
+            self._random.standard_normal(out=self._normals)
+        self.samples += 1
+        self.truth_row = self.samples % TRUTH_ROWS
+        plant.advance(self.parameters, self.state, self._normals, block_row, duty, enabled, self.truth, self.truth_row)
+
+    def set(self, name: str, value) -> None:
+        """Changes a parameter of the running world.
+
+        Raises:
+            KeyError: no such parameter.
+        """
+        if name not in plant.PARAMETERS.names or name in ("model", "body_from_wheel", "chip_from_body"):
+            raise KeyError(name)
+        self.parameters[name] = value
+
+
+def _configure(p, config) -> None:
+    m, dry, motor = config.model, config.dry_run, config.motor
+    error = dry.model_error
+    true = mbbr.parameters(
+        body_mass_kg=m.body_mass_kg * error.mass,
+        ball_mass_kg=m.ball_mass_kg * error.mass,
+        ball_radius_m=m.ball_radius_m,
+        wheel_radius_m=m.wheel_radius_m,
+        com_height_m=m.com_height_m * error.com_height,
+        body_inertia_kg_m2=np.array(m.body_inertia_kg_m2) * error.inertia,
+        ball_inertia_kg_m2=m.ball_inertia_kg_m2 * error.inertia,
+        wheel_inertia_kg_m2=m.wheel_inertia_kg_m2 * error.inertia,
+        gravity_m_s2=m.gravity_m_s2,
+        imu_position_m=config.imu.position_m,
+    )
+    p.model = true[0]
+    p.body_from_wheel[:] = orthonormal(config.wheels.body_from_wheel)
+    p.coulomb_n_m = config.friction.coulomb_n_m * error.friction * dry.friction
+    p.viscous_n_m_s_rad = config.friction.viscous_n_m_s_rad * error.friction * dry.friction
+    p.resistance_ohm = motor.resistance_ohm
+    p.torque_constant_n_m_a = motor.torque_constant_n_m_a * error.motor
+    p.inductance_h, p.pwm_period_s = motor.inductance_h, 1.0 / motor.pwm_frequency_hz
+    p.diode_drop_v = motor.diode_drop_v
+    p.brake = 1 if motor.drive == "brake" else 0
+    p.battery_v, p.battery_resistance_ohm = dry.battery_v, dry.battery_resistance_ohm
+    p.battery_fade_v_s = dry.battery_fade_v_s
+    counts_per_rad = config.encoders.counts_per_turn / (2.0 * math.pi)
+    p.count_per_rad[:] = [sign * counts_per_rad for sign in config.encoders.signs]
+    p.backlash_rad = dry.backlash_rad
+    p.gyro_bias_rad_s[:], p.gyro_noise_rad_s = dry.gyro_bias_rad_s, dry.gyro_noise_rad_s
+    p.accel_bias_m_s2[:], p.accel_noise_m_s2 = dry.accel_bias_m_s2, dry.accel_noise_m_s2
+    p.imu_misalignment[:] = rotation_from_vector(dry.imu_misalignment_rad)
+    p.chip_from_body[:] = np.array(config.imu.mounting, float).T
+    p.gyro_count_per_rad_s = 32768.0 / math.radians(config.imu.gyro_range_dps)
+    p.accel_count_per_m_s2 = 32768.0 / (config.imu.accel_range_g * 9.80665)
+    p.vibration_torque_n_m, p.vibration_accel_m_s2 = dry.vibration_torque_n_m, dry.vibration_accel_m_s2
+    p.rollers_per_ball_turn = dry.rollers_per_ball_turn
+    p.dmp_lag_s, p.dmp_noise_rad = dry.dmp_lag_s, dry.dmp_noise_rad
+    p.dmp_noise_time_s, p.dmp_yaw_drift_rad_s = dry.dmp_noise_time_s, dry.dmp_yaw_drift_rad_s
+    # A misaligned chip is misaligned for the DMP, too.
+    p.dmp_offset_rad[:] = np.array(dry.dmp_offset_rad) + np.array(dry.imu_misalignment_rad)[:2]
+    p.actuation_delay_steps, p.extra_delay_ticks = dry.actuation_delay_ms, dry.extra_delay_ticks
+    p.tip_limit_rad = GROUND_TILT_RAD
