@@ -1,0 +1,66 @@
+"""Rules between keys: each names the key it blames and says what is wrong."""
+
+from mip_rt.config.suggestion import nearest
+
+
+def _orthonormal(matrix) -> float:
+    """Largest deviation of matrix' matrix from the identity."""
+    columns = list(zip(*matrix))
+    return max(
+        abs(sum(a * b for a, b in zip(columns[i], columns[j])) - (i == j)) for i in range(3) for j in range(3)
+    )
+
+
+def _determinant(m) -> float:
+    return (
+        m[0][0] * (m[1][1] * m[2][2] - m[1][2] * m[2][1])
+        - m[0][1] * (m[1][0] * m[2][2] - m[1][2] * m[2][0])
+        + m[0][2] * (m[1][0] * m[2][1] - m[1][1] * m[2][0])
+    )
+
+
+def broken_rules(config):
+    """Yields (key, message) for every rule that the configuration breaks."""
+    for section, key, matrix in (
+        ("wheels", "body_from_wheel", config.wheels.body_from_wheel),
+        ("imu", "mounting", config.imu.mounting),
+    ):
+        if _orthonormal(matrix) > 1e-3:
+            yield f"{section}.{key}", "the columns must be perpendicular and of length 1 (within 0.001)"
+        elif _determinant(matrix) < 0.0:
+            yield f"{section}.{key}", "this is a mirror image, not a rotation (determinant -1): exchange a sign"
+    names = config.control.gain_sets.as_dict()
+    rates = [row.yaw_rate_hz for row in config.control.schedule]
+    if not 1 <= len(rates) <= 8:
+        yield "control.schedule", f"expected 1 to 8 rows, found {len(rates)}"
+    if rates != sorted(set(rates)):
+        yield "control.schedule", "yaw rates must ascend"
+    for row in config.control.schedule:
+        if row.set not in names:
+            yield "control.schedule", f"no gain set {row.set!r}{nearest(row.set, names)}"
+    estimators = [config.estimator.control, *config.estimator.shadows]
+    if len(set(estimators)) != len(estimators):
+        yield "estimator.shadows", "an estimator stands here twice, or is the one in control"
+    if config.remote.timeout_s + config.remote.ramp_s > 0.5:
+        yield "remote.timeout_s", "timeout_s and ramp_s together must be at most 0.5 s: a lost remote must stand still by then"
+    buttons = [level.button for level in config.remote.levels]
+    if "none" not in buttons or len(set(buttons)) != len(buttons):
+        yield "remote.levels", "each button once, and one row for 'none'"
+    low, high = config.battery.plausible_v
+    if not low < high:
+        yield "battery.plausible_v", "the first number must be the lower one"
+    for key, allowed, value in (
+        ("imu.accel_range_g", (2, 4, 8, 16), config.imu.accel_range_g),
+        ("imu.gyro_range_dps", (250, 500, 1000, 2000), config.imu.gyro_range_dps),
+        ("imu.dlpf_hz", (5, 10, 20, 41, 92, 184), config.imu.dlpf_hz),
+    ):
+        if value not in allowed:
+            yield key, f"expected one of {', '.join(map(str, allowed))}, found {value}"
+    if config.imu.gyro_range_dps != 2000:
+        yield "imu.gyro_range_dps", "the DMP integrates the gyro rightly only at 2000 deg/s"
+    for key in ("motors", "encoders"):
+        section = getattr(config, key)
+        if len(set(section.channels)) != 3:
+            yield f"{key}.channels", "three different channels are needed"
+        if 0 in section.signs:
+            yield f"{key}.signs", "a sign is 1 or -1"

@@ -1,0 +1,113 @@
+"""The kernel boundary of a dry run: clock, interrupt, I2C, GPIO and sysfs, with the simulated world behind them.
+
+The world moves inside the waits: when the loop waits for the IMU's edge, everything up to the next sample happens, the
+chip takes its sample and the edge is pushed into the line's descriptor with the time at which it was due. In real time the
+wait then sleeps until that moment (so the wake-up latency is the machine's own); on virtual time the clock jumps to it.
+The time that the fakes take between edge and motor write is measured, and reported apart.
+"""
+
+import select
+import time
+from pathlib import Path
+
+import numpy as np
+
+from mip_rt.hardware.kernel import Kernel
+
+SAMPLE_NS = 5_000_000
+FALLING = 2
+
+
+class FakeKernel(Kernel):
+    """See the module. The parts are attached by `fake.bench.build`.
+
+    Args:
+        root: temporary folder that stands for "/".
+        real_time: sleep for real, or jump on a virtual clock.
+
+    Attributes:
+        fake_ns: (rows,) time spent in the fakes during each sample's tick, by `samples` modulo its length.
+    """
+
+    def __init__(self, root: Path, real_time: bool):
+        self.root = Path(root)
+        self._real = real_time
+        self._start_ns = time.monotonic_ns() if real_time else 1_000_000_000
+        self._now_ns = self._start_ns
+        self._next_ns = self._start_ns + SAMPLE_NS
+        self._prepared = False
+        self._poll = select.poll()
+        self._polled = set()
+        self._duty = np.zeros(3)
+        self.fake_ns = np.zeros(4096, np.int64)
+        self._fake_row = 0
+        self.world = self.chip = self.operator = self.sysfs = self.gpio = self.bus = None
+        self.imu_line = self.motor_wiring = None
+
+    # -- what drivers call -------------------------------------------------------------------------------------------
+    def monotonic_ns(self) -> int:
+        return time.monotonic_ns() if self._real else self._now_ns
+
+    def ioctl(self, fd, request, argument, mutate=True):
+        return self.gpio.ioctl(fd, request, argument, mutate)
+
+    def open_i2c(self, bus: int):
+        return self.bus
+
+    def sleep(self, seconds: float) -> None:
+        """Lets time and world pass; sysfs files that want an answer get one."""
+        self._pass_until(self.monotonic_ns() + round(seconds * 1e9))
+        self.sysfs.service()
+
+    def wait_readable(self, fd: int, timeout_s: float) -> bool:
+        if fd not in self._polled:
+            self._poll.register(fd, select.POLLIN)
+            self._polled.add(fd)
+        deadline = self.monotonic_ns() + round(timeout_s * 1e9)
+        if self._next_ns > self.monotonic_ns() and self._poll.poll(0):
+            return True
+        while True:
+            if self._next_ns > deadline:
+                self._wait_until(deadline)
+                return bool(self._poll.poll(0))
+            self._sample()
+            while self._real and self._next_ns <= time.monotonic_ns():
+                self._sample()  # the loop was late: these edges came in the meantime
+            if self._poll.poll(0):
+                return True
+
+    # -- the world behind --------------------------------------------------------------------------------------------
+    def _wait_until(self, moment_ns: int) -> None:
+        if not self._real:
+            self._now_ns = max(self._now_ns, moment_ns)
+            return
+        remaining = moment_ns - time.monotonic_ns()
+        if remaining > 0:
+            time.sleep(remaining * 1e-9)
+
+    def _pass_until(self, moment_ns: int) -> None:
+        while self._next_ns <= moment_ns:
+            self._sample()
+        self._wait_until(moment_ns)
+
+    def _sample(self) -> None:
+        """One IMU sample: the world moves up to it, then its moment comes, then the chip takes it and raises its line."""
+        due_ns = self._next_ns
+        enabled = self.motor_wiring.read(self._duty)
+        self.operator.sample((due_ns - self._start_ns) * 1e-9, due_ns, enabled)
+        world = self.world
+        world.advance(self._duty, enabled)
+        self.motor_wiring.show_encoders(world.counts)
+        if world.samples % 40 == 1:
+            self.motor_wiring.show_battery(world.battery_raw)
+        self._next_ns = due_ns + SAMPLE_NS
+        self._wait_until(due_ns)
+        begin = time.perf_counter_ns()
+        if self.chip.sample(world.packet, world.raw):
+            self.gpio.push_edge(*self.imu_line, due_ns, FALLING)
+        self._fake_row = world.truth_row
+        self.fake_ns[self._fake_row] = time.perf_counter_ns() - begin
+
+    def charge(self, spent_ns: int) -> None:
+        """Books time that a fake took inside the present tick."""
+        self.fake_ns[self._fake_row] += spent_ns

@@ -1,0 +1,81 @@
+"""The scripted operator of a dry run: presses the button, holds and releases the robot, sends the remote's frames.
+
+Everything goes through the kernel boundary: the button is an edge on its GPIO line, the remote a byte stream on a pty. The operator
+holds the robot until its motors are enabled, and picks it up again when the arm button is pressed after a fall.
+"""
+
+import math
+
+from mip_rt.errors import ConfigError
+
+FRAME_EVERY = 4  # IMU samples between frames of the remote: 20 ms, 50 frames a second
+BUTTONS = {"none": 0, "triangle": 1, "circle": 2, "cross": 4, "square": 8}
+START_SELECT = 2
+
+
+class Operator:
+    """Runs a scenario against the fakes.
+
+    Args:
+        scenario: object with `events`, each with at_s and optionally yaw_rate_hz, speed_m_s, press, set.
+        levels: the remote's levels (button, yaw_rate_hz, drive_limit_m_s).
+        world: fake.world.World.
+        send: callable(x, y, buttons, start_select) that writes one frame; None without a remote.
+        press_button: callable(timestamp_ns) that pushes the arm button.
+    """
+
+    def __init__(self, scenario, levels, world, send, press_button):
+        self._events = sorted(scenario.events, key=lambda event: event.at_s)
+        self._levels = {round(level.yaw_rate_hz, 6): level for level in levels}
+        self._world, self._send, self._press_button = world, send, press_button
+        self._next = 0
+        self._x = self._y = 0.0
+        self._level = self._level_for(0.0)
+        self._speed = (0.0, 0.0)
+        self._start_select = 0
+
+    def _level_for(self, yaw_rate_hz: float):
+        level = self._levels.get(round(yaw_rate_hz, 6))
+        if level is None:
+            known = ", ".join(f"{rate:g}" for rate in sorted(self._levels))
+            raise ConfigError(
+                f"the scenario asks for {yaw_rate_hz:g} Hz, the remote's levels are {known} Hz.",
+                "Choose one of them, or add a level under remote.levels.",
+                "scenario_level",
+            )
+        return level
+
+    def sample(self, now_s: float, now_ns: int, enabled: bool) -> None:
+        """Called once per IMU sample, before the sample is taken."""
+        while self._next < len(self._events) and self._events[self._next].at_s <= now_s:
+            self._do(self._events[self._next], now_ns)
+            self._next += 1
+        if enabled and self._world.held:
+            self._world.release()
+        if self._send is not None and self._world.samples % FRAME_EVERY == 0:
+            self._send(self._x, self._y, BUTTONS[self._level.button], self._start_select)
+            self._start_select = 0
+
+    def _do(self, event, now_ns: int) -> None:
+        if event.press in ("arm", "disarm"):
+            if event.press == "arm":
+                self._world.hold()
+            self._press_button(now_ns)
+        elif event.press == "heading_reset":
+            self._start_select = START_SELECT
+        if event.yaw_rate_hz is not None:
+            self._level = self._level_for(event.yaw_rate_hz)
+        if event.speed_m_s is not None:
+            self._speed = tuple(event.speed_m_s)
+        if event.yaw_rate_hz is not None or event.speed_m_s is not None:
+            forward, left = (speed / self._level.drive_limit_m_s for speed in self._speed)
+            if math.hypot(forward, left) > 1.0 + 1e-9:
+                raise ConfigError(
+                    f"the scenario drives at {math.hypot(*self._speed):g} m/s, the limit at {self._level.yaw_rate_hz:g} Hz is "
+                    f"{self._level.drive_limit_m_s:g} m/s.",
+                    "Drive slower, or raise the level's drive_limit_m_s.",
+                    "scenario_speed",
+                )
+            self._x, self._y = -left, forward  # stick units: x to the right, y forward
+        for name, value in (event.set or {}).items():
+            self._world.set(name, value)
