@@ -4,8 +4,6 @@ Sources of the numbers: dissertation (T) Tables 2.1, 5.2, 6.2, 6.3, (6.16), (6.2
 noise sets are in `published.py`.
 """
 
-import math
-
 from mip_rt.config import published
 from mip_rt.config.fields import Choice, Flag, Integer, Named, Number, Rows, Several, Text, matrix, numbers
 
@@ -30,9 +28,9 @@ MODEL = {
 
 DRY_RUN = {
     "initial_lean_rad": numbers((0.03, -0.02), "Roll and pitch at which the operator holds the robot.", 2, "rad", -0.5, 0.5),
-    "gyro_noise_rad_s": N(math.sqrt(2.08e-6), "Gyro noise, standard deviation (T 6.23).", unit="rad/s", low=0, high=1),
+    "gyro_noise_rad_s": N(0.001442, "Gyro noise, standard deviation (T 6.23).", unit="rad/s", low=0, high=1),
     "gyro_bias_rad_s": numbers((0.010, -0.006, 0.004), "Gyro bias, body axes; removed by calibration.", 3, "rad/s", -1, 1),
-    "accel_noise_m_s2": N(math.sqrt(1.41 / 20), "Accelerometer noise; (T 6.23) is 20 times the measured variance (A).", low=0, high=20),
+    "accel_noise_m_s2": N(0.2655, "Accelerometer noise; (T 6.23) is 20 times the measured variance (A).", low=0, high=20),
     "accel_bias_m_s2": numbers((0.0, 0.0, 0.0), "Accelerometer bias, body axes.", 3, low=-5, high=5),
     "imu_misalignment_rad": numbers((0.0, 0.0, 0.0), "Mounting error of the IMU as a rotation vector.", 3, "rad", -0.5, 0.5),
     "vibration_torque_n_m": N(0.004, "Roller vibration: torque amplitude a wheel at 10 rad/s of the ball.", low=0, high=1),
@@ -160,8 +158,8 @@ MBBR = {
         }),
     },
     "limits": {
-        "tip_rad": N(math.radians(50), "Motors off beyond this lean.", unit="rad", low=0.1, high=1.4),
-        "engage_tilt_rad": N(math.radians(10), "Balancing starts within this lean.", unit="rad", low=0.01, high=0.5),
+        "tip_rad": N(0.872665, "Motors off beyond this lean.", unit="rad", low=0.1, high=1.4),
+        "engage_tilt_rad": N(0.174533, "Balancing starts within this lean.", unit="rad", low=0.01, high=0.5),
         "engage_hold_s": N(0.5, "Held upright for so long.", unit="s", low=0.1, high=10),
         "imu_silence_s": N(0.03, "Motors off after so long without an interrupt.", unit="s", low=0.006, high=0.045),
         "duty": N(1.0, "Largest wheel command.", low=0.05, high=1),

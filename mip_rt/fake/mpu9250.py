@@ -1,0 +1,235 @@
+"""A register-level MPU-9250 on an I2C bus object with smbus2's interface.
+
+Registers with their reset state, banked DMP memory with read-back, the FIFO with its real overflow (oldest bytes are dropped, an
+empty FIFO repeats its last byte), the interrupt pin pulsed or latched. The DMP runs only when an image has been written and started;
+the packet holds what the feature bytes in its memory ask for. The proprietary image is not needed: any image is accepted,
+`stand_in_image` makes one.
+"""
+
+import ctypes
+import errno
+import hashlib
+import random
+import time
+
+from mip_rt.hardware import mpu9250_registers as r
+
+RESET_S = 0.09  # H_RESET: the chip does not answer for so long
+I2C_READ = 1
+
+
+def stand_in_image() -> bytes:
+    """3062 bytes that are not InvenSense's; the same at every call."""
+    return random.Random("mip-rt stand-in for the DMP image").randbytes(r.DMP_IMAGE_BYTES)
+
+
+def stand_in_sha256() -> str:
+    """SHA-256 of the stand-in."""
+    return hashlib.sha256(stand_in_image()).hexdigest()
+
+
+class FakeMpu9250:
+    """The chip.
+
+    Args:
+        monotonic_ns: clock that times the reset.
+        identity: WHO_AM_I.
+    """
+
+    def __init__(self, monotonic_ns, identity: int = 0x71):
+        self._now_ns, self._identity = monotonic_ns, identity
+        self._ready_ns = 0
+        self._power_on()
+
+    def _power_on(self) -> None:
+        self.registers = bytearray(128)
+        self.registers[r.PWR_MGMT_1] = 0x01
+        self.registers[r.WHO_AM_I] = self._identity
+        self.memory = bytearray(4096)
+        self.fifo = bytearray()
+        self.last_byte = 0
+        self.pointer = 0
+        self.pin_low = False
+        self.overflows = 0
+        self._divider_phase = 0
+
+    # -- the bus side ------------------------------------------------------------------------------------------------
+    def answers(self) -> bool:
+        """False during a reset."""
+        return self._now_ns() >= self._ready_ns
+
+    def write(self, data: bytes) -> None:
+        """A write transaction: register address, then values."""
+        self.pointer = data[0] & 0x7F
+        for value in data[1:]:
+            self._store(self.pointer, value)
+            if self.pointer not in (r.MEM_R_W, r.FIFO_R_W):
+                self.pointer = (self.pointer + 1) & 0x7F
+
+    def _store(self, register: int, value: int) -> None:
+        if register == r.PWR_MGMT_1 and value & r.H_RESET:
+            self._power_on()
+            self._ready_ns = self._now_ns() + int(RESET_S * 1e9)
+            return
+        if register == r.MEM_R_W:
+            if not self.registers[r.PWR_MGMT_1] & 0x40:  # asleep: the memory keeps what it has
+                self.memory[self._memory_address()] = value
+            self._advance_memory()
+            return
+        if register in (r.WHO_AM_I, r.INT_STATUS, r.FIFO_COUNT_H, r.FIFO_COUNT_H + 1) or 0x3B <= register <= 0x48:
+            return  # read-only
+        if register == r.USER_CTRL:
+            if value & r.USER_FIFO_RST:
+                self.fifo.clear()
+            if value & r.USER_DMP_RST:
+                self._divider_phase = 0
+            value &= ~(r.USER_FIFO_RST | r.USER_DMP_RST)
+        self.registers[register] = value
+
+    def _memory_address(self) -> int:
+        return ((self.registers[r.BANK_SEL] << 8) | self.registers[r.MEM_START_ADDR]) & 0xFFF
+
+    def _advance_memory(self) -> None:
+        self.registers[r.MEM_START_ADDR] = (self.registers[r.MEM_START_ADDR] + 1) & 0xFF
+
+    def read(self, length: int) -> bytes:
+        """A read transaction from the present register address."""
+        register = self.pointer
+        if self.registers[r.INT_PIN_CFG] & r.PIN_ANY_READ_CLEARS:
+            self.pin_low = False
+        if register == r.FIFO_R_W:
+            return self._read_fifo(length)
+        if register == r.FIFO_COUNT_H:
+            return len(self.fifo).to_bytes(2, "big")[:length].ljust(length, b"\0")
+        out = bytearray()
+        for _ in range(length):
+            if register == r.MEM_R_W:
+                out.append(self.memory[self._memory_address()])
+                self._advance_memory()
+                continue
+            if register == r.FIFO_R_W:
+                out += self._read_fifo(1)
+                continue
+            if register in (r.FIFO_COUNT_H, r.FIFO_COUNT_H + 1):
+                out.append(len(self.fifo).to_bytes(2, "big")[register - r.FIFO_COUNT_H])
+            else:
+                out.append(self.registers[register])
+            if register == r.INT_STATUS:
+                self.registers[r.INT_STATUS] = 0
+                self.pin_low = False
+            register = (register + 1) & 0x7F
+        self.pointer = register
+        return bytes(out)
+
+    def _read_fifo(self, length: int) -> bytes:
+        out = bytes(self.fifo[:length])
+        if out:
+            self.last_byte = out[-1]
+        del self.fifo[:length]
+        return out if len(out) == length else out + bytes([self.last_byte]) * (length - len(out))
+
+    # -- the sensor side ---------------------------------------------------------------------------------------------
+    def _features(self, packet) -> bytes:
+        """The packet that the feature bytes ask for."""
+        memory = self.memory
+        parts = []
+        if memory[r.CFG_8 : r.CFG_8 + 4] == b"\x20\x28\x30\x38":
+            parts.append(bytes(packet[0:16]))
+        if memory[r.CFG_15 + 1 : r.CFG_15 + 4] == b"\xc0\xc8\xc2":
+            parts.append(bytes(packet[16:22]))
+        if memory[r.CFG_15 + 4 : r.CFG_15 + 7] == b"\xc4\xcc\xc6":
+            parts.append(bytes(packet[22:28]))
+        if memory[r.CFG_27] == 0x20:
+            parts.append(bytes(packet[28:32]))
+        return b"".join(parts)
+
+    @property
+    def dmp_runs(self) -> bool:
+        """An image was loaded and started, the DMP is enabled, the chip is awake with its FIFO at 1024 bytes."""
+        reg = self.registers
+        return (
+            bool(reg[r.USER_CTRL] & r.USER_DMP_EN)
+            and (reg[r.PRGM_START_H] << 8 | reg[r.PRGM_START_H + 1]) == r.DMP_START
+            and not reg[r.PWR_MGMT_1] & 0x40
+            and reg[r.ACCEL_CONFIG2] & 0xC0 == 0x40
+            and any(self.memory[: r.DMP_IMAGE_BYTES])
+        )
+
+    def sample(self, packet, raw) -> bool:
+        """One 5 ms sample: registers, DMP packet, FIFO, interrupt.
+
+        Args:
+            packet: 32 bytes of quaternion, accelerometer, gyro, gesture.
+            raw: 14 bytes for registers 0x3B to 0x48.
+
+        Returns:
+            True where the interrupt pin fell.
+        """
+        registers = self.registers
+        registers[r.ACCEL_XOUT_H : r.ACCEL_XOUT_H + 14] = raw
+        if not registers[r.USER_CTRL] & r.USER_DMP_EN or not self.dmp_runs:
+            return False
+        divider = self.memory[r.D_0_22] << 8 | self.memory[r.D_0_22 + 1]
+        self._divider_phase += 1
+        if self._divider_phase > divider:
+            self._divider_phase = 0
+            if registers[r.USER_CTRL] & r.USER_FIFO_EN:
+                self._push(self._features(packet))
+        registers[r.INT_STATUS] |= r.INT_DMP
+        if not registers[r.INT_ENABLE] & r.INT_DMP:
+            return False
+        if registers[r.INT_PIN_CFG] & r.PIN_LATCHED:
+            fell = not self.pin_low
+            self.pin_low = True
+            return fell
+        return True
+
+    def _push(self, data: bytes) -> None:
+        fifo = self.fifo
+        fifo += data
+        excess = len(fifo) - r.FIFO_BYTES
+        if excess > 0:
+            self.overflows += 1
+            self.registers[r.INT_STATUS] |= r.INT_FIFO_OVERFLOW
+            if self.registers[r.CONFIG] & 0x40:
+                del fifo[-excess:]
+            else:
+                del fifo[:excess]
+
+
+class FakeI2cBus:
+    """`i2c_rdwr` and `close` of an smbus2.SMBus with one chip on it.
+
+    Args:
+        chip: FakeMpu9250.
+        address: its address.
+        charge: callable(ns) that books the time spent here, or None.
+
+    Attributes:
+        before: callable(messages) called before each transfer, for injected faults; it may raise OSError.
+    """
+
+    def __init__(self, chip, address: int = 0x68, charge=None):
+        self.chip, self.address, self.before, self._charge = chip, address, None, charge
+        self.closed = False
+
+    def i2c_rdwr(self, *messages) -> None:
+        """One combined transfer."""
+        begin = time.perf_counter_ns() if self._charge else 0
+        if self.before is not None:
+            self.before(messages)
+        chip = self.chip
+        for message in messages:
+            if message.addr != self.address or not chip.answers():
+                raise OSError(errno.EREMOTEIO, "Remote I/O error")
+            if message.flags & I2C_READ:
+                data = chip.read(message.len)
+                ctypes.memmove(message.buf, data, len(data))
+            else:
+                chip.write(ctypes.string_at(message.buf, message.len))
+        if self._charge:
+            self._charge(time.perf_counter_ns() - begin)
+
+    def close(self) -> None:
+        """Nothing is held."""
+        self.closed = True

@@ -1,0 +1,90 @@
+"""eQEP encoders through the counter subsystem (Linux 5.5 and later) or the vendor's tieqep driver (4.x).
+
+Source: drivers/counter/ti-eqep.c, vendor drivers/misc/tieqep.c; the start sequence writes the ceiling first, because the
+mainline driver begins with a ceiling of 0, at which nothing counts.
+"""
+
+import os
+
+from mip_rt.errors import EncoderError
+from mip_rt.hardware import sysfs
+
+WRAP = 1 << 32
+HALF = 1 << 31
+TIEQEP_FOLDERS = "sys/devices/platform/ocp"
+
+
+class Encoder:
+    """One quadrature counter, unwrapped to a signed count of any size.
+
+    Args:
+        kernel: hardware.kernel.Kernel.
+        address: device address, such as "48300180".
+
+    Attributes:
+        interface: "counter" or "tieqep".
+        errors: reads that failed; the last count is then repeated.
+    """
+
+    def __init__(self, kernel, address: str):
+        counter = sysfs.find_by_address(kernel.path("sys/bus/counter/devices"), "counter*", address)
+        if counter is not None:
+            self.interface, self._folder = "counter", counter / "count0"
+            self._count_file = self._folder / "count"
+        else:
+            found = sorted(kernel.path(TIEQEP_FOLDERS).glob(f"**/{address}.eqep"))
+            if not found:
+                raise EncoderError(
+                    f"no eQEP counter at {address}.",
+                    "Load the project's overlay; on Debian's own kernel there is no eQEP driver: use a BeagleBoard kernel.",
+                    "encoder_missing",
+                )
+            self.interface, self._folder = "tieqep", found[0]
+            self._count_file = self._folder / "position"
+        self._fd = -1
+        self._raw = self._count = 0
+        self.errors = 0
+
+    def start(self) -> None:
+        """Full range, quadrature, zero, on; then checks that a count can be written and read back.
+
+        Raises:
+            EncoderError: an attribute is missing or refuses; or the counter is not clocked.
+        """
+        try:
+            if self.interface == "counter":
+                sysfs.write(self._folder / "enable", "0\n")
+                sysfs.write(self._folder / "ceiling", f"{WRAP - 1}\n")
+                sysfs.write(self._folder / "function", "quadrature x4\n")
+                sysfs.write(self._count_file, "0\n")
+                sysfs.write(self._folder / "enable", "1\n")
+            else:
+                sysfs.write(self._folder / "mode", "0\n")
+                sysfs.write(self._count_file, "0\n")
+                sysfs.write(self._folder / "enabled", "1\n")
+            self._fd = os.open(self._count_file, os.O_RDONLY | os.O_CLOEXEC)
+            self._raw = int(os.pread(self._fd, 24, 0))
+        except (OSError, ValueError) as error:
+            raise EncoderError(
+                f"the counter {self._folder} does not take its settings: {error}.",
+                "Check permissions (group gpio) and the overlay.",
+                "encoder_setup",
+            ) from error
+        self._count = 0
+
+    def read(self) -> int:
+        """The unwrapped count; the last one where reading failed. Never raises."""
+        try:
+            raw = int(os.pread(self._fd, 24, 0))
+        except (OSError, ValueError):
+            self.errors += 1
+            return self._count
+        self._count += (raw - self._raw + HALF) % WRAP - HALF
+        self._raw = raw
+        return self._count
+
+    def close(self) -> None:
+        """Closes the file; the counter goes on."""
+        if self._fd >= 0:
+            os.close(self._fd)
+            self._fd = -1

@@ -1,0 +1,122 @@
+"""The motors: PWM, direction lines and the enable line, behind one handle that only the supervisor holds.
+
+Truth tables: TB6612 and MC33926 with PWM on D2 share one: A = 1, B = 0 forward; A = 0, B = 1 backward; the enable line (standby, EN) low
+switches the outputs off. It is held through the character device, so that it falls when the process dies.
+"""
+
+from mip_rt.errors import MotorError
+from mip_rt.hardware.boards import GPIO
+from mip_rt.hardware.gpio import OutputLines
+from mip_rt.hardware.pwm import PwmChannel
+
+
+class Motors:
+    """Three motors.
+
+    Args:
+        kernel: hardware.kernel.Kernel.
+        board: hardware.boards.Board.
+        channels: the board's motor outputs of wheels 1 to 3.
+        period_ns: PWM period.
+
+    Attributes:
+        errors: writes that the kernel refused.
+        last_error: the last of them, None before the first.
+        enabled: the enable line is high.
+    """
+
+    def __init__(self, kernel, board, channels, period_ns: int):
+        pins = [board.motors[channel] for channel in channels]
+        self._pwm = [PwmChannel(kernel, *pin.pwm) for pin in pins]
+        self._period_ns = period_ns
+        self.errors, self.last_error, self.enabled = 0, None, False
+        bank, offset = board.enable
+        self._enable = OutputLines(kernel, GPIO[bank], (offset,), 0, "mip-rt enable")
+        # Direction lines may lie in several banks: one request a bank, and for each motor its bits there.
+        by_bank = {}
+        for pin in pins:
+            for bank, offset in (pin.a, pin.b):
+                by_bank.setdefault(bank, []).append(offset)
+        lines = {bank: OutputLines(kernel, GPIO[bank], offsets, 0, "mip-rt direction") for bank, offsets in by_bank.items()}
+        self._direction_lines = list(lines.values())
+        self._direction = [
+            tuple((lines[bank], 1 << by_bank[bank].index(offset)) for bank, offset in (pin.a, pin.b)) for pin in pins
+        ]
+        self._sign = [0, 0, 0]
+
+    def start(self) -> None:
+        """Sets up the PWM channels, all off; the enable line stays low."""
+        for channel in self._pwm:
+            channel.export()
+        for channel in self._pwm:
+            channel.start(self._period_ns)
+
+    def enable(self) -> bool:
+        """Wakes the drivers with duty 0; False where the kernel refuses."""
+        try:
+            for channel in self._pwm:
+                channel.off()
+            self._enable.set(1, 1)
+            self.enabled = True
+            return True
+        except OSError as error:
+            return self._failed(error)
+
+    def write(self, duty_ns) -> bool:
+        """Three signed pulses in ns; only changes reach the kernel. False where it refuses.
+
+        At a reversal the old pulse is taken away before the direction changes.
+        """
+        try:
+            for i in range(3):
+                pulse = duty_ns[i]
+                if pulse == 0:
+                    self._pwm[i].write(0)
+                    continue
+                sign = 1 if pulse > 0 else -1
+                if sign != self._sign[i]:
+                    self._pwm[i].write(0)
+                    self._turn(i, sign)
+                self._pwm[i].write(min(pulse * sign, self._period_ns))
+            return True
+        except OSError as error:
+            return self._failed(error)
+
+    def _turn(self, i: int, sign: int) -> None:
+        (a_lines, a), (b_lines, b) = self._direction[i]
+        if a_lines is b_lines:
+            a_lines.set(a if sign > 0 else b, a | b)
+        else:
+            a_lines.set(a if sign > 0 else 0, a)
+            b_lines.set(b if sign < 0 else 0, b)
+        self._sign[i] = sign
+
+    def _failed(self, error) -> bool:
+        self.errors += 1
+        self.last_error = error
+        return False
+
+    def off(self) -> None:
+        """Enable low and duty 0; every part is tried, whatever the others do. Never raises."""
+        try:
+            self._enable.set(0, 1)
+            self.enabled = False
+        except OSError as error:
+            self._failed(error)
+        for channel in self._pwm:
+            try:
+                channel.off()
+            except OSError as error:
+                self._failed(error)
+
+    def close(self) -> None:
+        """Off, then every line and file is released. Raises nothing but what a later start would also meet."""
+        self.off()
+        problems = []
+        for part in (*self._pwm, *self._direction_lines, self._enable):
+            try:
+                part.close()
+            except OSError as error:
+                problems.append(error)
+        if problems:
+            raise MotorError(f"closing the motors failed: {problems[0]}.", "They are off; run mip-rt doctor.", "motor_close")

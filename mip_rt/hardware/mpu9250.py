@@ -1,0 +1,253 @@
+"""The MPU-9250 with its DMP: bring-up by named steps, and the reading of the newest packet in each tick.
+
+The hot path is `read`: two combined transfers with messages that were built once, no lists, no exceptions out of it. What went
+wrong comes back as bits (imu_status) and in `counters`.
+"""
+
+import ctypes
+import math
+import struct
+
+from mip_rt.errors import ImuError
+from mip_rt.hardware import dmp
+from mip_rt.hardware import mpu9250_registers as r
+from mip_rt.hardware.imu_status import (
+    IMU_BACKLOG,
+    IMU_BAD_NORM,
+    IMU_BUS_ERROR,
+    IMU_FROZEN,
+    IMU_MISALIGNED,
+    IMU_NO_DATA,
+    IMU_OK,
+    IMU_OVERFLOW,
+)
+
+RETRIES = 3  # of each bring-up step
+FROZEN_AFTER = 10  # equal packets in a row
+NORM_TOLERANCE = 0.01
+Q30 = float(1 << 30)
+HALF_WRITTEN_WAIT_S = 200e-6
+ERRNO_CURES = {
+    121: "Nothing answers at the address: check power and wiring of the IMU.",
+    110: "The bus timed out: SDA or SCL is held low, or the pull-ups are missing.",
+    5: "The bus controller reported an error: shorten the cable, add 2.2 kOhm pull-ups.",
+    11: "Another master holds the bus.",
+    16: "A kernel driver holds the IMU: unbind inv-mpu6050-i2c from 2-0068.",
+}
+_QUATERNION = struct.Struct(">4i")
+
+
+class Mpu9250:
+    """One IMU.
+
+    Args:
+        kernel: hardware.kernel.Kernel.
+        settings: the configuration's imu section.
+
+    Attributes:
+        chip: name of the chip that answered, after `start`.
+        backlog: packets that waited beside the newest, at the last read.
+        counters: how often each kind of trouble occurred.
+    """
+
+    def __init__(self, kernel, settings):
+        from smbus2 import i2c_msg
+
+        self._kernel, self._settings, self._message = kernel, settings, i2c_msg
+        self._bus = kernel.open_i2c(settings.bus)
+        address = settings.address
+        self._count_request = i2c_msg.write(address, [r.FIFO_COUNT_H])
+        self._count_reply = i2c_msg.read(address, 2)
+        self._fifo_request = i2c_msg.write(address, [r.FIFO_R_W])
+        # One reply message for each number of waiting packets; only the last packet of it is used.
+        self._fifo_reply = [i2c_msg.read(address, r.PACKET_BYTES * n) for n in range(1, r.FIFO_BYTES // r.PACKET_BYTES + 1)]
+        self._count_bytes = _bytes_of(self._count_reply, 0, 2)
+        self._packets = [_bytes_of(m, r.PACKET_BYTES * n, r.PACKET_BYTES) for n, m in enumerate(self._fifo_reply)]
+        self._last = bytearray(r.PACKET_BYTES)
+        self._equal = 0
+        self._quarrels = 0
+        self.chip = ""
+        self.backlog = 0
+        self.counters = dict.fromkeys(("bus_errors", "misaligned", "overflows", "bad_norm", "frozen", "backlog", "resets"), 0)
+
+    # -- bring-up ----------------------------------------------------------------------------------------------------
+    def start(self) -> None:
+        """Resets, identifies and configures the chip, loads and verifies the DMP image, starts the packets.
+
+        Raises:
+            DmpImageError: the image is missing or wrong.
+            ImuError: with the step that failed; every wait is bounded.
+        """
+        s = self._settings
+        image = dmp.load_image(s.dmp_image, s.dmp_image_sha256)
+        self._step("reset", self._reset)
+        self._step("identify", self._identify)
+        self._step("configure", self._configure)
+        self._step("load the DMP image", lambda: self._write_memory(0, image))
+        self._step("start address", lambda: self._write(r.PRGM_START_H, r.DMP_START >> 8, r.DMP_START & 0xFF))
+        for address, data in dmp.feature_writes(s.dmp_orientation, s.accel_range_g):
+            self._step(f"DMP feature at {address}", lambda a=address, d=data: self._write_memory(a, d))
+        self._step("start the FIFO", self.recover)
+
+    def _step(self, name: str, action) -> None:
+        for attempt in range(RETRIES):
+            try:
+                return action()
+            except OSError as error:
+                if attempt == RETRIES - 1:
+                    cure = ERRNO_CURES.get(error.errno, "Check the I2C bus.")
+                    raise ImuError(f"the IMU's step '{name}' failed: {error}.", cure, "imu_bus") from error
+                self._kernel.sleep(0.01)
+
+    def _reset(self) -> None:
+        self._write(r.PWR_MGMT_1, r.H_RESET)
+        self._kernel.sleep(0.1)
+        self._write(r.PWR_MGMT_1, 0x00)
+        self._kernel.sleep(0.01)
+
+    def _identify(self) -> None:
+        identity = self._read(r.WHO_AM_I, 1)[0]
+        name, usable = r.CHIPS.get(identity, ("an unknown chip", False))
+        if not usable:
+            raise ImuError(
+                f"WHO_AM_I is 0x{identity:02x} ({name}); the DMP needs an MPU-9250, MPU-9255 or MPU-6500.",
+                "Use another IMU, or check the address.",
+                "imu_identity",
+            )
+        self.chip = name
+
+    def _configure(self) -> None:
+        s = self._settings
+        code = r.DLPF_CODES[s.dlpf_hz]
+        self._write(r.PWR_MGMT_1, 0x01)
+        self._kernel.sleep(0.05)
+        self._write(r.PWR_MGMT_2, 0x00)
+        self._kernel.sleep(0.05)
+        self._write(r.ACCEL_CONFIG2, 0x48)  # FIFO of 1024 bytes, before the DMP's memory is touched
+        self._write(r.GYRO_CONFIG, r.GYRO_RANGE_CODES[s.gyro_range_dps] << 3)
+        self._write(r.ACCEL_CONFIG, r.ACCEL_RANGE_CODES[s.accel_range_g] << 3)
+        self._write(r.CONFIG, code)
+        self._write(r.ACCEL_CONFIG2, 0x40 | code)
+        self._write(r.SMPLRT_DIV, 4)
+        self._write(r.USER_CTRL, 0x00)
+        self._kernel.sleep(0.003)
+        latch = r.PIN_LATCHED | r.PIN_ANY_READ_CLEARS if s.interrupt_latched else 0
+        self._write(r.INT_PIN_CFG, r.PIN_ACTIVE_LOW | latch | r.PIN_BYPASS)
+
+    def recover(self) -> None:
+        """Resets FIFO and DMP and starts the packets anew; takes 50 ms, so only while the motors are off."""
+        self.counters["resets"] += 1
+        self._write(r.INT_ENABLE, 0)
+        self._write(r.FIFO_EN, 0)
+        self._write(r.USER_CTRL, 0)
+        self._write(r.USER_CTRL, r.USER_DMP_RST | r.USER_FIFO_RST)
+        self._kernel.sleep(0.05)
+        self._write(r.USER_CTRL, r.USER_DMP_EN | r.USER_FIFO_EN)
+        self._write(r.INT_ENABLE, r.INT_DMP)
+        self._write(r.FIFO_EN, 0)
+        self._equal = 0
+
+    def _write(self, register: int, *values: int) -> None:
+        self._bus.i2c_rdwr(self._message.write(self._settings.address, [register, *values]))
+
+    def _read(self, register: int, length: int) -> bytes:
+        reply = self._message.read(self._settings.address, length)
+        self._bus.i2c_rdwr(self._message.write(self._settings.address, [register]), reply)
+        return bytes(reply)
+
+    def _write_memory(self, address: int, data: bytes) -> None:
+        for place, part in dmp.chunks(address, data):
+            for _ in range(RETRIES):
+                self._write(r.BANK_SEL, place >> 8, place & 0xFF)
+                self._write(r.MEM_R_W, *part)
+                self._write(r.BANK_SEL, place >> 8, place & 0xFF)
+                if self._read(r.MEM_R_W, len(part)) == part:
+                    break
+            else:
+                raise ImuError(
+                    f"the DMP's memory at {place} does not read back what was written.",
+                    "Power-cycle the IMU; if it stays, the chip has no MotionDriver DMP.",
+                    "imu_dmp_verify",
+                )
+
+    # -- hot path ----------------------------------------------------------------------------------------------------
+    def _transfer(self, request, reply) -> bool:
+        try:
+            self._bus.i2c_rdwr(request, reply)
+            return True
+        except OSError as error:
+            if error.errno == 110:  # the kernel has already waited a second: no retry
+                self.counters["bus_errors"] += 1
+                return False
+        try:
+            self._bus.i2c_rdwr(request, reply)
+            return True
+        except OSError:
+            self.counters["bus_errors"] += 1
+            return False
+
+    def read(self, buffer, offset: int) -> int:
+        """Copies the newest packet (32 bytes) to buffer[offset:]; returns the IMU_* bits. Never raises for the bus."""
+        self.backlog = 0
+        if not self._transfer(self._count_request, self._count_reply):
+            return IMU_BUS_ERROR
+        count_bytes = self._count_bytes
+        count = (count_bytes[0] & 0x1F) << 8 | count_bytes[1]
+        if count == 0:
+            return IMU_NO_DATA
+        status = 0
+        if count % r.PACKET_BYTES:
+            self._kernel.sleep(HALF_WRITTEN_WAIT_S)
+            if not self._transfer(self._count_request, self._count_reply):
+                return IMU_BUS_ERROR
+            count = (count_bytes[0] & 0x1F) << 8 | count_bytes[1]
+            if count % r.PACKET_BYTES:
+                self.counters["misaligned"] += 1
+                return IMU_MISALIGNED
+        waiting = count // r.PACKET_BYTES
+        if waiting >= len(self._packets):
+            waiting = len(self._packets)
+            self.counters["overflows"] += 1
+            status |= IMU_OVERFLOW
+        if not self._transfer(self._fifo_request, self._fifo_reply[waiting - 1]):
+            return status | IMU_BUS_ERROR
+        if waiting > 1:
+            self.backlog = waiting - 1
+            self.counters["backlog"] += waiting - 1
+            status |= IMU_BACKLOG
+        packet = self._packets[waiting - 1]
+        w, x, y, z = _QUATERNION.unpack_from(packet)
+        if not abs(math.sqrt(float(w) * w + float(x) * x + float(y) * y + float(z) * z) / Q30 - 1.0) <= NORM_TOLERANCE:
+            self.counters["bad_norm"] += 1
+            return status | IMU_BAD_NORM
+        if packet == self._last:
+            self._equal += 1
+            if self._equal >= FROZEN_AFTER - 1:
+                self.counters["frozen"] += 1
+                return status | IMU_FROZEN
+        else:
+            self._equal = 0
+            self._last[:] = packet
+        buffer[offset : offset + r.PACKET_BYTES] = packet
+        return status | IMU_OK
+
+    def on_timeout(self) -> None:
+        """After a missing interrupt: reads the status, which releases a latched line, and the count."""
+        try:
+            self._read(r.INT_STATUS, 1)
+        except OSError:
+            self.counters["bus_errors"] += 1
+
+    def stop(self) -> None:
+        """Interrupts off; errors do not matter any more."""
+        try:
+            self._write(r.INT_ENABLE, 0)
+        except OSError:
+            self.counters["bus_errors"] += 1
+        self._bus.close()
+
+
+def _bytes_of(message, offset: int, length: int):
+    """A view of a message's buffer that follows each transfer."""
+    address = ctypes.addressof(message.buf.contents) + offset
+    return memoryview((ctypes.c_ubyte * length).from_address(address)).cast("B")

@@ -1,0 +1,1 @@
+"""Remotes: frame decoders and what their sticks and buttons mean."""
