@@ -37,8 +37,8 @@ class World:
         seed: of all randomness.
 
     Attributes:
-        packet: (32,) uint8, the DMP's packet of the newest sample, in the chip's form.
-        raw: (14,) uint8, accelerometer, temperature and gyro registers.
+        packet: 32 bytes, the DMP's packet of the newest sample, in the chip's form.
+        raw: 14 bytes, accelerometer, temperature and gyro registers.
         counts: (3,) int64 encoder counts by wheel, wiring signs included.
         truth: (TRUTH_ROWS,) plant.TRUTH ring, row `truth_row` is the newest.
     """
@@ -55,8 +55,9 @@ class World:
         _configure(self.parameters[0], config)
         s = self.state[0]
         s.battery_v = self.parameters[0].battery_v
-        self.packet, self.counts = s.packet, s.count
-        self.raw = s.raw[:14]
+        self.packet = memoryview(np.asarray(s.packet)).cast("B")
+        self.counts = np.asarray(s.count)
+        self.raw = memoryview(np.asarray(s.raw)).cast("B")[:14]
         self.lean_rad = config.dry_run.initial_lean_rad
         self.hold()
 

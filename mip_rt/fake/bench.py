@@ -1,0 +1,58 @@
+"""Puts a whole dry run together: a temporary root, the chips, the tree, the world, the operator, and the kernel that connects them."""
+
+import shutil
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from mip_rt.fake.gpio import FakeGpio
+from mip_rt.fake.kernel import FALLING, FakeKernel
+from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256
+from mip_rt.fake.operator import Operator
+from mip_rt.fake.remote import FakeRemote
+from mip_rt.fake.sysfs import FakeSysfs
+from mip_rt.fake.wiring import Wiring
+from mip_rt.fake.world import World
+from mip_rt.hardware.boards import GPIO, board
+
+
+@dataclass
+class Bench:
+    """A running dry run's parts."""
+
+    kernel: FakeKernel
+    world: World
+    remote: FakeRemote
+    folder: Path
+    image_path: Path
+    image_sha256: str
+
+    def close(self) -> None:
+        """Releases everything and removes the temporary folder."""
+        self.remote.close()
+        self.kernel.sysfs.close()
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+def build(config, scenario, seed: int, real_time: bool) -> Bench:
+    """A dry run of this configuration and scenario."""
+    shared = Path("/dev/shm")  # the tree in memory, as the real one is
+    folder = Path(tempfile.mkdtemp(prefix="mip-rt-", dir=shared if shared.is_dir() else None))
+    pins = board("beaglebone-black-cape" if config.board == "auto" else config.board, None)
+    kernel = FakeKernel(folder, real_time)
+    world = World(config, seed)
+    remote = FakeRemote()
+    kernel.sysfs = FakeSysfs(folder, pins)
+    kernel.gpio = FakeGpio()
+    kernel.chip = FakeMpu9250(kernel.monotonic_ns)
+    kernel.bus = FakeI2cBus(kernel.chip, config.imu.address, kernel.charge if real_time else None)
+    kernel.world = world
+    kernel.imu_line = (GPIO[pins.imu_interrupt[0]], pins.imu_interrupt[1])
+    kernel.motor_wiring = Wiring(config, pins, kernel.sysfs, kernel.gpio)
+    button = (GPIO[pins.arm_button[0]], pins.arm_button[1])
+    kernel.operator = Operator(
+        scenario, config.remote.levels, world, remote.send, lambda now_ns: kernel.gpio.push_edge(*button, now_ns, FALLING)
+    )
+    image = folder / "dmp-stand-in.bin"
+    image.write_bytes(stand_in_image())
+    return Bench(kernel, world, remote, folder, image, stand_in_sha256())

@@ -1,0 +1,66 @@
+"""The wires between the board's pins and the simulated robot: what the motor drivers make of PWM and lines, what the encoders show."""
+
+from mip_rt.hardware.boards import GPIO
+
+
+class Wiring:
+    """Three motors, three encoders and the battery of one board.
+
+    Args:
+        config: configuration (motors, encoders, battery, motor).
+        board: hardware.boards.Board.
+        sysfs: FakeSysfs.
+        gpio: FakeGpio.
+    """
+
+    def __init__(self, config, board, sysfs, gpio):
+        self._sysfs, self._gpio = sysfs, gpio
+        self._enable = (GPIO[board.enable[0]], board.enable[1])
+        self._pins = [board.motors[channel] for channel in config.motors.channels]
+        self._signs = config.motors.signs
+        self._period_ns = 1e9 / config.motor.pwm_frequency_hz
+        self._encoder_index = [channel - 1 for channel in config.encoders.channels]
+        self._battery_channel = config.battery.adc_channel
+        self._parts = None
+        self._shown = [None, None, None]
+
+    def read(self, duty) -> bool:
+        """Fills duty (3,) with the signed duties by wheel that the drivers see; returns whether they are enabled."""
+        if self._parts is None and not self._connect():
+            duty[:] = 0.0
+            return False
+        if not self._gpio.line_value(*self._enable):
+            duty[:] = 0.0
+            return False
+        for i, (file, a_request, a_bit, b_request, b_bit) in enumerate(self._parts):
+            direction = ((a_request.values >> a_bit) & 1) - ((b_request.values >> b_bit) & 1)
+            duty[i] = direction * self._signs[i] * file.number() / self._period_ns
+        return True
+
+    def _connect(self) -> bool:
+        parts = []
+        for pin in self._pins:
+            file = self._sysfs.duty_file(*pin.pwm)
+            a = self._gpio.output(GPIO[pin.a[0]], pin.a[1])
+            b = self._gpio.output(GPIO[pin.b[0]], pin.b[1])
+            if file is None or a is None or b is None:
+                return False
+            parts.append((file, *a, *b))
+        self._parts = parts
+        return True
+
+    def disconnect(self) -> None:
+        """Looks the lines up anew at the next sample, after a driver was closed and opened."""
+        self._parts = None
+
+    def show_encoders(self, counts) -> None:
+        """Puts the wheels' counts into the counters."""
+        for i in range(3):
+            count = int(counts[i])
+            if count != self._shown[i]:
+                self._shown[i] = count
+                self._sysfs.set_count(self._encoder_index[i], count)
+
+    def show_battery(self, raw: int) -> None:
+        """Puts the battery's reading into the ADC."""
+        self._sysfs.set_adc(self._battery_channel, raw)

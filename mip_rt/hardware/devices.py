@@ -1,0 +1,66 @@
+"""Opens all devices of a robot in the order that is safe, and closes them again."""
+
+import math
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+from mip_rt.hardware.battery import Battery
+from mip_rt.hardware.boards import GPIO, board
+from mip_rt.hardware.encoders import Encoder
+from mip_rt.hardware.gpio import InputEvents
+from mip_rt.hardware.motors import Motors
+from mip_rt.hardware.mpu9250 import Mpu9250
+from mip_rt.hardware.serial_port import SerialPort
+from mip_rt.remote.command import RemoteCommand
+from mip_rt.remote.fourjoy import FourJoyDecoder
+
+
+@dataclass
+class Devices:
+    """Opened drivers; `battery_v` is the newest reading."""
+
+    imu: Mpu9250
+    imu_line: InputEvents
+    encoders: tuple
+    motors: Motors
+    battery: Battery
+    button: InputEvents
+    remote: RemoteCommand
+    port: SerialPort | None
+    battery_v: float = math.nan
+
+    def close(self) -> None:
+        """Motors first."""
+        self.motors.close()
+        self.imu.stop()
+        for part in (self.imu_line, *self.encoders, self.battery, self.button, *([self.port] if self.port else [])):
+            part.close()
+
+
+def open_devices(kernel, config, remote_device: str | None, image=None) -> Devices:
+    """Opens and starts everything: motors (off) first, so that their enable line is held low from the beginning.
+
+    Args:
+        remote_device: path of the remote's port; None for no remote.
+        image: (path, sha256) of another DMP image than the configuration's.
+
+    Raises:
+        HardwareError: with code and cure, for the first device that refuses.
+    """
+    pins = board(config.board, kernel)
+    motors = Motors(kernel, pins, config.motors.channels, round(1e9 / config.motor.pwm_frequency_hz))
+    motors.start()
+    encoders = tuple(Encoder(kernel, pins.encoders[channel - 1]) for channel in config.encoders.channels)
+    for encoder in encoders:
+        encoder.start()
+    battery = Battery(kernel, config.battery)
+    button = InputEvents(kernel, GPIO[pins.arm_button[0]], pins.arm_button[1], "falling", "mip-rt arm")
+    port = SerialPort(remote_device, config.remote.baud) if remote_device else None
+    imu_line = InputEvents(kernel, GPIO[pins.imu_interrupt[0]], pins.imu_interrupt[1], "falling", "mip-rt imu")
+    settings = config.imu
+    if image is not None:
+        settings = SimpleNamespace(**{**vars(config.imu), "dmp_image": image[0], "dmp_image_sha256": image[1]})
+    imu = Mpu9250(kernel, settings)
+    imu.start()
+    remote = RemoteCommand(port, FourJoyDecoder(), config.remote)
+    return Devices(imu, imu_line, encoders, motors, battery, button, remote, port, battery.read())
