@@ -53,7 +53,14 @@ class World:
         self._normals = self._random.standard_normal((BLOCK, plant.NORMALS))
         self._adc = (config.battery.ratio, config.battery.offset_v)
         _configure(self.parameters[0], config)
+        # Plain arrays of the same memory: numba recognises those ten times faster than record arrays.
+        self._arguments = (
+            self.parameters.view(plant.PARAMETERS).view(np.ndarray),
+            self.state.view(plant.STATE).view(np.ndarray),
+        )
+        self._truth = self.truth.view(plant.TRUTH).view(np.ndarray)
         s = self.state[0]
+        self._held = np.asarray(self.state["held"])
         s.battery_v = self.parameters[0].battery_v
         self.packet = memoryview(np.asarray(s.packet)).cast("B")
         self.counts = np.asarray(s.count)
@@ -77,7 +84,7 @@ class World:
     @property
     def held(self) -> bool:
         """True while in the operator's hands."""
-        return self.state[0].held == 1
+        return self._held[0] == 1
 
     @property
     def battery_raw(self) -> int:
@@ -93,7 +100,7 @@ class World:
             self._random.standard_normal(out=self._normals)
         self.samples += 1
         self.truth_row = self.samples % TRUTH_ROWS
-        plant.advance(self.parameters, self.state, self._normals, block_row, duty, enabled, self.truth, self.truth_row)
+        plant.advance(*self._arguments, self._normals, block_row, duty, enabled, self._truth, self.truth_row)
 
     def set(self, name: str, value) -> None:
         """Changes a parameter of the running world.

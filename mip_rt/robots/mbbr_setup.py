@@ -37,6 +37,16 @@ class Robot:
         self.names, self.controller = names, CONTROLLER
         self.parameters, self.state = parameters, state
         self.estimator_parameters, self.estimator_states = estimator_parameters, estimator_states
+        # The same memory as plain arrays: numba recognises those ten times faster than record arrays.
+        self._arguments = tuple(
+            array.view(dtype).view(np.ndarray)
+            for array, dtype in (
+                (parameters, robot.PARAMETERS),
+                (state, robot.STATE),
+                (estimator_parameters, robot.ESTIMATOR_PARAMETERS),
+                (estimator_states, robot.ESTIMATOR_STATE),
+            )
+        )
         self._rows = None
 
     def attach(self, rows) -> None:
@@ -45,9 +55,7 @@ class Robot:
 
     def step(self, index: int) -> None:
         """Runs the compiled step on row `index`."""
-        robot.step(
-            self.parameters, self.state, self.estimator_parameters, self.estimator_states, self._rows, index
-        )
+        robot.step(*self._arguments, self._rows, index)
 
     def set_gyro_bias(self, bias_rad_s) -> None:
         """The gyro's rates at rest, body axes, (3,)."""
