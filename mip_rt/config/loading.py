@@ -252,7 +252,7 @@ def folders() -> list[Path]:
     """Where shipped and installed configurations are looked for, in order."""
     named = [Path(os.environ["MIP_RT_CONFIG"])] if os.environ.get("MIP_RT_CONFIG") else []
     checkout = Path(__file__).resolve().parents[2] / "config"
-    return [*named, Path("/etc/mip-rt"), checkout, Path(sys.prefix) / "share" / "mip-rt"]
+    return [*named, Path("/etc/mip-rt"), checkout, Path(sys.prefix) / "share" / "mip-rt" / "config"]
 
 
 def default_path(robot: str = "mbbr") -> Path:

@@ -23,7 +23,7 @@ from mip_rt.estimators.rows import ROW, add_scaled_row, copy_row
 
 MEASUREMENTS = 8  # the most measurements a filter may have
 
-# Bits of STATE.flags, set anew at every step.
+# Bits of STATE.status, set anew at every step.
 REJECTED = 1  # an innovation failed its gate and was not used
 REACCEPTED = 2  # a sensor had been rejected so often that the filter believed it again
 NOT_FINITE = 4  # a measurement was not finite and was not used
@@ -41,7 +41,7 @@ STATE = np.dtype(
         ("innovation_variance", "f8", (MEASUREMENTS,)),
         ("rejected", "i8", (MEASUREMENTS,)),  # innovations refused since the last reset, by measurement
         ("refused_in_a_row", "i8", (MEASUREMENTS,)),
-        ("flags", "i8"),
+        ("status", "i8"),
         ("A", "f8", (ROW, ROW)),  # df/dx, only its structural entries are ever written
         ("H", "f8", (MEASUREMENTS, ROW)),  # dh/dx, likewise
         ("h", "f8", (MEASUREMENTS,)),
@@ -99,7 +99,7 @@ def reset(state, noise, n):
         state.innovation_variance[m] = 0.0
         state.rejected[m] = 0
         state.refused_in_a_row[m] = 0
-    state.flags = 0
+    state.status = 0
 
 
 @njit
@@ -138,7 +138,7 @@ def update(state, noise, start, columns, n, m, y, valid):
     P = state.P
     gain = state.gain
     dx = state.dx
-    flags = state.flags
+    flags = state.status
     for i in range(ROW):
         dx[i] = 0.0
     for k in range(m):
@@ -178,7 +178,7 @@ def update(state, noise, start, columns, n, m, y, valid):
         for i in range(n):
             add_scaled_row(P, i, -gain[i] * inverse, gain, 0)
     add_scaled_row(state.x, 0, 1.0, dx, 0)
-    state.flags = flags
+    state.status = flags
 
 
 @njit
@@ -195,8 +195,8 @@ def bound(state, noise, n):
                 P[i, j] *= scale
             for j in range(n):
                 P[j, i] *= scale
-            state.flags |= BOUNDED
+            state.status |= BOUNDED
         if not 0.0 < variance < math.inf:
-            state.flags |= UNHEALTHY
+            state.status |= UNHEALTHY
     if not total == 0.0:
-        state.flags |= UNHEALTHY
+        state.status |= UNHEALTHY

@@ -64,7 +64,7 @@ def step(p, state, u, y, valid):
         y: (8,) measurements.
         valid: bit k set where y[k] is a fresh measurement.
     """
-    state.flags = 0
+    state.status = 0
     x = state.x
     c = p.model
     mbbr_yaw.derivative_jacobian_into(x, u, c, state.A)

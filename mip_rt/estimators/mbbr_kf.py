@@ -90,7 +90,7 @@ def step(p, state, u, y, valid, yaw_rate_rad_s):
     Args:
         yaw_rate_rad_s: measured yaw rate; used only where the model's `rotation` is 1.
     """
-    state.flags = 0
+    state.status = 0
     m = p.model
     dt = p.noise.dt_s
     x = state.x

@@ -134,7 +134,7 @@ def _run_estimators(p, s, ep, es, row, valid, fresh_start):
             mbbr_ekf.step(pe.ekf, se.filter, s.applied, y, valid)
         else:
             mbbr_kf.step(pe.kf, se.filter, s.applied, six, _valid_for_kf(valid), row.gyro_rad_s[2])
-        flags = se.filter.flags
+        flags = se.filter.status
         row.estimator_flags[slot] = flags
         if flags & ekf.UNHEALTHY:
             _reset_estimator(pe, se, row)
