@@ -61,6 +61,7 @@ class Session:
         extra = {"seed": seed, "scenario": scenario_name, "estimators": self.robot.names} if bench else {"estimators": self.robot.names}
         self.ring = Ring(Path(log_folder) / name, rows, header(config.to_yaml(), extra))
         self.robot.attach(self.ring.rows)
+        self.robot.rehearse()
         image = (bench.image_path, bench.image_sha256) if bench else None
         self.devices = open_devices(self.kernel, config, remote_device, image)
         dt_s = 1.0 / config.realtime.rate_hz
@@ -75,9 +76,6 @@ class Session:
         self.scheduling = realtime.Scheduling()
         self.refusals = []
         self._absorbed = 0
-        self._fakes = np.zeros(ABSORB_EVERY, np.int64)
-        if bench:
-            self._truth = np.zeros(ABSORB_EVERY, bench.world.truth.dtype)
 
     def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True) -> dict:
         """Turns the loop for `duration_s` (or until stopped); returns the summary. The motors are off afterwards, however it ends."""
@@ -89,6 +87,8 @@ class Session:
             else:
                 realtime.freeze_garbage_collector()
                 self.scheduling = realtime.Scheduling(gc_frozen=True)
+            if kernel.wait_readable(self.devices.imu_line.fd, self.config.limits.imu_silence_s):
+                self.devices.imu_line.read()  # interrupts of the bring-up are not missed ticks
             end_ns = kernel.monotonic_ns() + round(min(duration_s, 1e8) * 1e9)
             silent = 0
             while not stop.requested and kernel.monotonic_ns() < end_ns:
@@ -119,11 +119,6 @@ class Session:
 
     def _between_ticks(self, tick: int) -> None:
         state = self.supervisor.state
-        if self.bench:
-            slot = tick % ABSORB_EVERY
-            self._truth[slot] = self.bench.world.truth[self.bench.world.truth_row]
-            row = self.bench.world.truth_row
-            self._fakes[slot] = self.kernel.fake_ns[row]
         if tick % ABSORB_EVERY == ABSORB_EVERY - 1:
             self._absorb(tick + 1)
         if state is State.BALANCING:
@@ -153,9 +148,13 @@ class Session:
             return
         index = np.arange(self._absorbed, until)
         rows = self.ring.rows[index % self.ring.capacity]
-        slots = index % ABSORB_EVERY
         if self.bench:
-            self.summary.absorb(rows, self._truth[slots], self._fakes[slots])
+            # The world's rows run on with its samples; the newest belongs to the newest tick, missed samples lie between.
+            world = self.bench.world
+            behind = np.round((rows["edge_ns"][-1] - rows["edge_ns"]) / (1e9 / self.config.realtime.rate_hz)).astype(int)
+            newest = self.kernel.sample_of(int(rows["edge_ns"][-1]))
+            samples = (newest - behind) % len(world.truth)
+            self.summary.absorb(rows, world.truth_rows[samples], self.kernel.fake_ns[samples])
         else:
             self.summary.absorb(rows)
         self._absorbed = until

@@ -36,14 +36,13 @@ class Summary:
         self.counted = 0
         self.faults = []
 
-    def absorb(self, rows, truth=None, fake_ns=None, position_offset=None) -> None:
+    def absorb(self, rows, truth=None, fake_ns=None) -> None:
         """Takes in committed rows.
 
         Args:
             rows: (n,) frames in order.
             truth: (n,) fake.world.TRUTH records of the same ticks, or None on a robot.
-            fake_ns: (n,) time that the fakes took inside each tick, subtracted from the latencies.
-            position_offset: true position where balancing began, m.
+            fake_ns: (n, 2) time that the fakes took before the wake-up and while reading, subtracted from the latencies.
         """
         if not len(rows):
             return
@@ -53,11 +52,12 @@ class Summary:
             self.first_edge_ns = int(rows["edge_ns"][0])
             self.first_missed = self.missed
         self.last_edge_ns = int(rows["edge_ns"][-1])
-        fakes = np.zeros(len(rows), np.int64) if fake_ns is None else fake_ns
+        fakes = np.zeros((len(rows), 2), np.int64) if fake_ns is None else fake_ns
+        both = fakes.sum(axis=1)
         edge, wake, read = rows["edge_ns"], rows["wake_ns"], rows["read_ns"]
         step, write = rows["step_ns"], rows["write_ns"]
         for stage, values in zip(
-            (*STAGES, "fakes"), (wake - edge, read - wake - fakes, step - read, write - step, write - edge - fakes, fakes)
+            (*STAGES, "fakes"), (wake - edge - fakes[:, 0], read - wake - fakes[:, 1], step - read, write - step, write - edge - both, both)
         ):
             self.latency_ns[stage].append(values.astype(np.int32))
         for number in np.unique(rows["fault"][rows["state"] == State.FAULT]):

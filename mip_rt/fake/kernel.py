@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mip_rt.fake.world import TRUTH_ROWS
 from mip_rt.hardware.kernel import Kernel
 
 SAMPLE_NS = 5_000_000
@@ -26,7 +27,8 @@ class FakeKernel(Kernel):
         real_time: sleep for real, or jump on a virtual clock.
 
     Attributes:
-        fake_ns: (rows,) time spent in the fakes during each sample's tick, by `samples` modulo its length.
+        fake_ns: (rows, 2) time spent in the fakes during each sample's tick, before the loop woke and while it read; the row is
+            that of the world's truth. Only in real time.
     """
 
     def __init__(self, root: Path, real_time: bool):
@@ -39,7 +41,7 @@ class FakeKernel(Kernel):
         self._poll = select.poll()
         self._polled = set()
         self._duty = np.zeros(3)
-        self.fake_ns = np.zeros(4096, np.int64)
+        self.fake_ns = np.zeros((TRUTH_ROWS, 2), np.int64)
         self._fake_row = 0
         self.world = self.chip = self.operator = self.sysfs = self.gpio = self.bus = None
         self.imu_line = self.motor_wiring = None
@@ -76,6 +78,10 @@ class FakeKernel(Kernel):
             if self._poll.poll(0):
                 return True
 
+    def sample_of(self, edge_ns: int) -> int:
+        """Number of the world's sample that raised the edge with this timestamp."""
+        return (edge_ns - self._start_ns) // SAMPLE_NS
+
     # -- the world behind --------------------------------------------------------------------------------------------
     def _wait_until(self, moment_ns: int) -> None:
         if not self._real:
@@ -102,12 +108,14 @@ class FakeKernel(Kernel):
             self.motor_wiring.show_battery(world.battery_raw)
         self._next_ns = due_ns + SAMPLE_NS
         self._wait_until(due_ns)
-        begin = time.perf_counter_ns()
+        begin = time.perf_counter_ns() if self._real else 0
         if self.chip.sample(world.packet, world.raw):
             self.gpio.push_edge(*self.imu_line, due_ns, FALLING)
-        self._fake_row = world.truth_row
-        self.fake_ns[self._fake_row] = time.perf_counter_ns() - begin
+        if self._real:
+            self._fake_row = world.truth_row
+            self.fake_ns[self._fake_row, 0] = time.perf_counter_ns() - begin
+            self.fake_ns[self._fake_row, 1] = 0
 
     def charge(self, spent_ns: int) -> None:
         """Books time that a fake took inside the present tick."""
-        self.fake_ns[self._fake_row] += spent_ns
+        self.fake_ns[self._fake_row, 1] += spent_ns

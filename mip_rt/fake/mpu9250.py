@@ -50,8 +50,9 @@ class FakeMpu9250:
         self.last_byte = 0
         self.pointer = 0
         self.pin_low = False
-        self.overflows = 0
+        self.overflows = self.transfers = 0
         self._divider_phase = 0
+        self._cut = None
 
     # -- the bus side ------------------------------------------------------------------------------------------------
     def answers(self) -> bool:
@@ -72,6 +73,7 @@ class FakeMpu9250:
             self._ready_ns = self._now_ns() + int(RESET_S * 1e9)
             return
         if register == r.MEM_R_W:
+            self._cut = None
             if not self.registers[r.PWR_MGMT_1] & 0x40:  # asleep: the memory keeps what it has
                 self.memory[self._memory_address()] = value
             self._advance_memory()
@@ -85,6 +87,7 @@ class FakeMpu9250:
                 self._divider_phase = 0
             value &= ~(r.USER_FIFO_RST | r.USER_DMP_RST)
         self.registers[register] = value
+        self._cut = None
 
     def _memory_address(self) -> int:
         return ((self.registers[r.BANK_SEL] << 8) | self.registers[r.MEM_START_ADDR]) & 0xFFF
@@ -129,19 +132,26 @@ class FakeMpu9250:
         return out if len(out) == length else out + bytes([self.last_byte]) * (length - len(out))
 
     # -- the sensor side ---------------------------------------------------------------------------------------------
-    def _features(self, packet) -> bytes:
-        """The packet that the feature bytes ask for."""
+    def _features(self):
+        """Slices of the whole packet that the feature bytes ask for, merged; empty where the DMP does not run."""
+        if not self.dmp_runs:
+            return ()
         memory = self.memory
         parts = []
         if memory[r.CFG_8 : r.CFG_8 + 4] == b"\x20\x28\x30\x38":
-            parts.append(bytes(packet[0:16]))
+            parts.append((0, 16))
         if memory[r.CFG_15 + 1 : r.CFG_15 + 4] == b"\xc0\xc8\xc2":
-            parts.append(bytes(packet[16:22]))
+            parts.append((16, 22))
         if memory[r.CFG_15 + 4 : r.CFG_15 + 7] == b"\xc4\xcc\xc6":
-            parts.append(bytes(packet[22:28]))
+            parts.append((22, 28))
         if memory[r.CFG_27] == 0x20:
-            parts.append(bytes(packet[28:32]))
-        return b"".join(parts)
+            parts.append((28, 32))
+        merged = []
+        for begin, end in parts:
+            if merged and merged[-1].stop == begin:
+                begin = merged.pop().start
+            merged.append(slice(begin, end))
+        return tuple(merged)
 
     @property
     def dmp_runs(self) -> bool:
@@ -167,14 +177,17 @@ class FakeMpu9250:
         """
         registers = self.registers
         registers[r.ACCEL_XOUT_H : r.ACCEL_XOUT_H + 14] = raw
-        if not registers[r.USER_CTRL] & r.USER_DMP_EN or not self.dmp_runs:
+        if self._cut is None:  # registers or memory have changed since the last sample
+            self._cut = self._features()
+        if not self._cut:
             return False
         divider = self.memory[r.D_0_22] << 8 | self.memory[r.D_0_22 + 1]
         self._divider_phase += 1
         if self._divider_phase > divider:
             self._divider_phase = 0
             if registers[r.USER_CTRL] & r.USER_FIFO_EN:
-                self._push(self._features(packet))
+                for part in self._cut:
+                    self._push(packet[part])
         registers[r.INT_STATUS] |= r.INT_DMP
         if not registers[r.INT_ENABLE] & r.INT_DMP:
             return False
@@ -219,6 +232,7 @@ class FakeI2cBus:
         if self.before is not None:
             self.before(messages)
         chip = self.chip
+        chip.transfers += 1
         for message in messages:
             if message.addr != self.address or not chip.answers():
                 raise OSError(errno.EREMOTEIO, "Remote I/O error")

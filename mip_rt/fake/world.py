@@ -40,7 +40,7 @@ class World:
         packet: 32 bytes, the DMP's packet of the newest sample, in the chip's form.
         raw: 14 bytes, accelerometer, temperature and gyro registers.
         counts: (3,) int64 encoder counts by wheel, wiring signs included.
-        truth: (TRUTH_ROWS,) plant.TRUTH ring, row `truth_row` is the newest.
+        truth: (TRUTH_ROWS,) plant.TRUTH ring, row `truth_row` is the newest; `truth_rows` is the same as a plain array.
     """
 
     def __init__(self, config, seed: int):
@@ -58,7 +58,7 @@ class World:
             self.parameters.view(plant.PARAMETERS).view(np.ndarray),
             self.state.view(plant.STATE).view(np.ndarray),
         )
-        self._truth = self.truth.view(plant.TRUTH).view(np.ndarray)
+        self.truth_rows = self.truth.view(plant.TRUTH).view(np.ndarray)
         s = self.state[0]
         self._held = np.asarray(self.state["held"])
         s.battery_v = self.parameters[0].battery_v
@@ -100,7 +100,7 @@ class World:
             self._random.standard_normal(out=self._normals)
         self.samples += 1
         self.truth_row = self.samples % TRUTH_ROWS
-        plant.advance(*self._arguments, self._normals, block_row, duty, enabled, self._truth, self.truth_row)
+        plant.advance(*self._arguments, self._normals, block_row, duty, enabled, self.truth_rows, self.truth_row)
 
     def set(self, name: str, value) -> None:
         """Changes a parameter of the running world.

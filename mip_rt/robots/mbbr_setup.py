@@ -53,6 +53,14 @@ class Robot:
         """Uses this ring's rows."""
         self._rows = rows
 
+    def rehearse(self) -> None:
+        """Runs the step once in each of its ways and forgets it: the first real tick then meets no cold page and no cold dispatcher."""
+        saved = self.state.copy(), self.estimator_states.copy(), self._rows[:1].copy()
+        for request in (0, frame.REQUEST_ENGAGED, frame.REQUEST_ENGAGED):
+            self._rows[0]["request"] = request
+            self.step(0)
+        self.state[:], self.estimator_states[:], self._rows[:1] = saved
+
     def step(self, index: int) -> None:
         """Runs the compiled step on row `index`."""
         robot.step(*self._arguments, self._rows, index)
