@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, field
 from mip_rt.errors import RealtimeError
 
 MCL_CURRENT, MCL_FUTURE = 1, 2
+IDLE_LATENCY = "/dev/cpu_dma_latency"
 POLICIES = {os.SCHED_OTHER: "other", os.SCHED_FIFO: "fifo", os.SCHED_RR: "rr"}
 
 
@@ -53,6 +54,20 @@ def lock_memory() -> bool:
     return ctypes.CDLL(None, use_errno=True).mlockall(MCL_CURRENT | MCL_FUTURE) == 0
 
 
+_idle_latency_fd = -1
+
+
+def forbid_deep_idle() -> bool:
+    """Asks the kernel not to enter idle states that take long to leave; holds until `leave`. False where that is not allowed."""
+    global _idle_latency_fd
+    try:
+        _idle_latency_fd = os.open(IDLE_LATENCY, os.O_WRONLY | os.O_CLOEXEC)
+        os.write(_idle_latency_fd, bytes(4))
+        return True
+    except OSError:
+        return False
+
+
 def enter(policy: str, priority: int, lock: bool, strict: bool = False) -> Scheduling:
     """Makes this process as real-time as it is allowed to be. Call last before the loop.
 
@@ -78,6 +93,10 @@ def enter(policy: str, priority: int, lock: bool, strict: bool = False) -> Sched
                 f"asked for SCHED_FIFO {priority}, got ordinary scheduling: allow it with LimitRTPRIO={priority} or "
                 f"'rtprio {priority}' in /etc/security/limits.d, or run as root"
             )
+        if not forbid_deep_idle():
+            obtained.warnings.append(
+                f"{IDLE_LATENCY} cannot be written, leaving idle may take long: let the udev rules give it to the service's group"
+            )
     obtained.policy = POLICIES.get(os.sched_getscheduler(0), "other")
     obtained.priority = os.sched_getparam(0).sched_priority
     freeze_garbage_collector()
@@ -89,6 +108,10 @@ def enter(policy: str, priority: int, lock: bool, strict: bool = False) -> Sched
 
 def leave() -> None:
     """Back to an ordinary process, for the work after the loop and for tests that run several loops."""
+    global _idle_latency_fd
+    if _idle_latency_fd >= 0:
+        os.close(_idle_latency_fd)
+        _idle_latency_fd = -1
     try:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     except OSError:

@@ -1,0 +1,263 @@
+"""Encoders, PWM, motors, GPIO, battery and serial port against the fake tree, in every kernel generation that the fakes know."""
+
+import itertools
+import math
+import os
+from types import SimpleNamespace
+
+import pytest
+
+from mip_rt.errors import EncoderError, GpioError, HardwareError, MotorError, RemoteError
+from mip_rt.fake.gpio import FakeGpio
+from mip_rt.fake.remote import FakeRemote
+from mip_rt.fake.sysfs import FakeSysfs, MappedFile
+from mip_rt.hardware.battery import Battery
+from mip_rt.hardware.boards import BOARDS, EHRPWM, GPIO, board
+from mip_rt.hardware.encoders import Encoder
+from mip_rt.hardware.gpio import InputEvents, OutputLines
+from mip_rt.hardware.motors import Motors
+from mip_rt.hardware.serial_port import SerialPort
+
+pytestmark = pytest.mark.armhf
+PERIOD = 50000
+
+
+class Kernel:
+    """The fakes as a kernel without a world."""
+
+    def __init__(self, root, abi=2, **tree):
+        self.root = root
+        self.sysfs, self.gpio = FakeSysfs(root, BOARDS["beaglebone-black-cape"], **tree), FakeGpio(abi)
+        self.ioctl = self.gpio.ioctl
+
+    def path(self, *parts):
+        return self.root.joinpath(*parts)
+
+    def sleep(self, seconds):
+        self.sysfs.service()
+
+
+@pytest.fixture(params=itertools.product((1, 2), ("counter", "tieqep"), ("pwmchipK/pwmN", "pwm-K:N")), ids=str)
+def kernel(request, tmp_path):
+    abi, encoder, naming = request.param
+    return Kernel(tmp_path, abi, encoder_interface=encoder, pwm_naming=naming)
+
+
+@pytest.fixture
+def newest(tmp_path):
+    return Kernel(tmp_path)
+
+
+def started_motors(kernel, name="beaglebone-black-cape"):
+    motors = Motors(kernel, BOARDS[name], (1, 3, 4), PERIOD)
+    motors.start()
+    kernel.sysfs.service()
+    return motors
+
+
+def seen(kernel, channel=1):
+    """(duty, line A, line B, enable) of a motor output, as its driver sees them."""
+    pin = BOARDS["beaglebone-black-cape"].motors[channel]
+    lines = [kernel.gpio.line_value(GPIO[bank], offset) for bank, offset in (pin.a, pin.b, (0, 20))]
+    return (kernel.sysfs.duty_ns(*pin.pwm), *lines)
+
+
+def test_encoder_unwraps_in_both_directions(kernel):
+    encoder = Encoder(kernel, "48302180")
+    encoder.start()
+    total = 0
+    for step in (5, -12, 2**30, 2**30, 2**30, 2**30, -(2**31) + 1, -(2**30), -(2**30), -(2**30) - 7):
+        total += step
+        kernel.sysfs.set_count(1, total)
+        assert encoder.read() == total
+    assert encoder.errors == 0
+    encoder.close()
+
+
+def test_encoder_start_sets_the_full_range(newest):
+    encoder = Encoder(newest, "48300180")
+    encoder.start()
+    folder = newest.root / "sys/bus/counter/devices/counter2/count0"
+    assert (folder / "ceiling").read_text().strip() == "4294967295"
+    assert (folder / "function").read_text().strip() == "quadrature x4" and (folder / "enable").read_text().strip() == "1"
+
+
+def test_encoder_keeps_its_last_count_when_reading_fails(newest):
+    encoder = Encoder(newest, "48300180")
+    encoder.start()
+    newest.sysfs.set_count(0, 123)
+    assert encoder.read() == 123
+    newest.sysfs.counts[0].put(b"nonsense\n")
+    assert encoder.read() == 123 and encoder.errors == 1
+
+
+def test_missing_encoder_has_a_cure(newest):
+    with pytest.raises(EncoderError, match="48309999") as caught:
+        Encoder(newest, "48309999")
+    assert "overlay" in caught.value.cure
+
+
+def test_motors_start_off(kernel):
+    motors = started_motors(kernel)
+    assert [seen(kernel, channel)[0] for channel in (1, 3, 4)] == [0, 0, 0] and seen(kernel)[3] == 0
+    assert kernel.sysfs.violations == [] and not motors.enabled
+
+
+@pytest.mark.parametrize("name", list(BOARDS))
+def test_motors_drive_forward_backward_and_stop(tmp_path, name):
+    kernel = Kernel(tmp_path)
+    motors = started_motors(kernel, name)
+    assert motors.enable() and motors.write((12345, -777, 0))
+    pins = [BOARDS[name].motors[channel] for channel in (1, 3, 4)]
+    found = [
+        (kernel.sysfs.duty_ns(*pin.pwm), *(kernel.gpio.line_value(GPIO[b], o) for b, o in (pin.a, pin.b))) for pin in pins
+    ]
+    assert found == [(12345, 1, 0), (777, 0, 1), (0, 0, 0)]
+    assert motors.write((5, -7, PERIOD * 2))  # shorter numbers over longer ones, and a clipped one
+    assert [kernel.sysfs.duty_ns(*pin.pwm) for pin in pins] == [5, 7, PERIOD]
+    motors.off()
+    assert [kernel.sysfs.duty_ns(*pin.pwm) for pin in pins] == [0, 0, 0] and kernel.gpio.line_value(GPIO[0], 20) == 0
+    kernel.sysfs.service()
+    assert kernel.sysfs.violations == []
+
+
+def test_reversal_takes_the_pulse_away_first(newest):
+    motors = started_motors(newest)
+    motors.enable()
+    motors.write((40000, 0, 0))
+    order = []
+    whole = newest.gpio.ioctl
+
+    def watch(fd, request, argument, mutate=True):
+        order.append(seen(newest)[0])
+        return whole(fd, request, argument, mutate)
+
+    newest.ioctl = watch
+    motors.write((-40000, 0, 0))
+    assert order and set(order) == {0} and seen(newest) == (40000, 0, 1, 1)
+
+
+def test_equal_duties_are_not_written_again(newest, monkeypatch):
+    motors = started_motors(newest)
+    motors.enable()
+    motors.write((100, 200, 300))
+    calls = []
+    monkeypatch.setattr(os, "pwrite", lambda *arguments: calls.append(arguments))
+    motors.write((100, 200, 300))
+    assert calls == []
+    motors.write((100, 201, 300))
+    assert [call[1] for call in calls] == [b"201\n"]
+
+
+def test_off_does_every_part_whatever_fails(newest):
+    motors = started_motors(newest)
+    motors.enable()
+    motors.write((100, 200, 300))
+    os.close(motors._pwm[0]._fd)
+    motors.off()
+    assert motors.errors == 1 and seen(newest, 3)[0] == 0 and seen(newest, 4)[0] == 0 and seen(newest)[3] == 0
+    motors._pwm[0]._fd = -1
+
+
+def test_closing_the_descriptors_drops_the_enable_line(newest):
+    motors = started_motors(newest)
+    motors.enable()
+    assert seen(newest)[3] == 1
+    os.close(motors._enable.fd)  # as the kernel does when the process dies
+    assert seen(newest)[3] == 0
+
+
+def test_missing_pwm_chip_has_a_cure(tmp_path):
+    kernel = Kernel(tmp_path)
+    (tmp_path / "sys/class/pwm/pwmchip7").unlink()
+    with pytest.raises(MotorError, match=EHRPWM[2]) as caught:
+        Motors(kernel, BOARDS["beaglebone-black-cape"], (1, 3, 4), PERIOD)
+    assert "overlay" in caught.value.cure
+
+
+def test_events_are_drained_to_the_newest(kernel):
+    line = InputEvents(kernel, GPIO[3], 21, "falling", "test")
+    assert line.read() is None
+    for k in range(3):
+        kernel.gpio.push_edge(GPIO[3], 21, 1000 + k, 2)
+    assert line.read() == (1002, 2, 3) and line.read() is None
+    line.close()
+    assert kernel.gpio.push_edge(GPIO[3], 21, 2000, 2) is False
+
+
+def test_dropped_events_are_counted_by_sequence(newest):
+    line = InputEvents(newest, GPIO[3], 21, "falling", "test")
+    newest.gpio.push_edge(GPIO[3], 21, 1, 2)
+    line.read()
+    newest.gpio._events[GPIO[3], 21].sequence += 4  # the kernel's buffer ran over
+    newest.gpio.push_edge(GPIO[3], 21, 9, 2)
+    assert line.read() == (9, 2, 5) and line.missed == 4
+
+
+def test_a_taken_line_is_refused_with_a_cure(kernel):
+    first = OutputLines(kernel, GPIO[0], (20,), 0, "one")
+    with pytest.raises(GpioError) as caught:
+        OutputLines(kernel, GPIO[0], (20,), 0, "two")
+    assert "Another program" in caught.value.cure
+    first.close()
+    OutputLines(kernel, GPIO[0], (20,), 1, "two")
+    assert kernel.gpio.line_value(GPIO[0], 20) == 1
+
+
+def test_outputs_of_one_request_are_set_by_mask(kernel):
+    lines = OutputLines(kernel, GPIO[2], (8, 9), 0b01, "test")
+    lines.set(0b10, 0b10)
+    assert [kernel.gpio.line_value(GPIO[2], offset) for offset in (8, 9)] == [1, 1]
+    lines.set(0b00, 0b01)
+    assert [kernel.gpio.line_value(GPIO[2], offset) for offset in (8, 9)] == [0, 1]
+
+
+@pytest.mark.parametrize(("raw", "volts"), [("1655\n", 7.9), ("0\n", None), ("abc\n", None), ("4095\n", None), ("\n", None)])
+def test_battery_reads_volts_or_nothing(newest, raw, volts):
+    settings = SimpleNamespace(adc_channel=6, ratio=11.0, offset_v=-0.1, plausible_v=(5.0, 9.0))
+    battery = Battery(newest, settings)
+    newest.sysfs.adc[6].put(raw.encode())
+    if volts is None:
+        assert math.isnan(battery.read()) and battery.errors == 1
+    else:
+        assert battery.read() == pytest.approx(volts, abs=0.01)
+
+
+def test_missing_adc_has_a_cure(tmp_path):
+    with pytest.raises(HardwareError, match="ADC"):
+        Battery(SimpleNamespace(path=tmp_path.joinpath), None)
+
+
+def test_serial_port_reads_all_that_is_there_and_never_raises():
+    remote = FakeRemote()
+    port = SerialPort(remote.device, 115200)
+    assert port.read() == b""
+    remote.send_bytes(b"\x00\x01\x02\r\n\x03\x04\xff")
+    assert port.read() == b"\x00\x01\x02\r\n\x03\x04\xff"
+    remote.close()
+    for _ in range(3):
+        assert port.read() == b""
+    port.close()
+
+
+def test_serial_port_refusals():
+    with pytest.raises(RemoteError, match="/nowhere"):
+        SerialPort("/nowhere", 115200)
+    with pytest.raises(RemoteError, match="baud"):
+        SerialPort("/dev/null", 12345)
+
+
+def test_auto_board_asks_the_device_tree(tmp_path):
+    kernel = SimpleNamespace(path=tmp_path.joinpath)
+    with pytest.raises(HardwareError, match="no BeagleBone"):
+        board("auto", kernel)
+    (tmp_path / "proc/device-tree").mkdir(parents=True)
+    (tmp_path / "proc/device-tree/model").write_text("TI AM335x BeagleBone Blue\0")
+    assert board("auto", kernel).name == "beaglebone-blue"
+
+
+def test_mapped_file_has_exact_length(tmp_path):
+    mapped = MappedFile(tmp_path / "count", b"0\n")
+    for text in (b"4294967295\n", b"7\n", b"-12\n"):
+        mapped.put(text)
+        assert (tmp_path / "count").read_bytes() == text
