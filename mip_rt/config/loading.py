@@ -13,7 +13,7 @@ from mip_rt.config.suggestion import nearest
 from mip_rt.errors import ConfigError
 
 LARGEST_FILE = 1 << 20
-_SCALAR_TAGS = {"null": None, "bool": bool, "int": int, "float": float}
+OVERRIDDEN = -1  # "line" of a value that came with --set
 
 
 class Section:
@@ -67,7 +67,7 @@ class _Checker:
         self.source, self.errors, self.lines = source, [], {}
 
     def refuse(self, line, key, message) -> None:
-        place = f"{self.source}:{line}" if line else self.source
+        place = {0: self.source, OVERRIDDEN: "--set"}.get(line, f"{self.source}:{line}")
         self.errors.append(f"{place}: {key}: {message}" if key else f"{place}: {message}")
 
     def node(self, yaml_node, key="", depth=0):
@@ -179,14 +179,14 @@ def _override(root: _Node, overrides: dict, checker: _Checker) -> None:
         node = root
         *path, last = key.split(".") if "gain_sets" not in key else _split_gain_key(key)
         for name in path:
-            node = node.value.setdefault(name, _Node({}, 0)) if isinstance(node.value, dict) else _Node({}, 0)
+            node = node.value.setdefault(name, _Node({}, OVERRIDDEN)) if isinstance(node.value, dict) else _Node(None, 0)
         if not isinstance(node.value, dict):
-            checker.refuse(0, key, "no such key")
+            checker.refuse(OVERRIDDEN, key, "no such key")
             continue
         if isinstance(value, str):
             parsed = _compose(value, checker) if value else _Node("", 0)
             value = parsed.plain() if parsed is not None else None
-        node.value[last] = _as_node(value)
+        node.value[last] = _as_node(value, OVERRIDDEN)
 
 
 def _split_gain_key(key):
@@ -203,11 +203,8 @@ def loads(text: str, source: str = "<text>", overrides: dict | None = None) -> C
     if not isinstance(root.value, dict):
         checker.refuse(root.line, "", f"expected keys and values, found {root.plain()!r}")
         root = _Node({}, 1)
-    checker.source, file = source, source
     if overrides:
-        checker.source = f"{file} with --set"
         _override(root, overrides, checker)
-        checker.source = file
     robot = root.value["robot"].plain() if "robot" in root.value else "mbbr"
     schema = ROBOTS.get(robot if isinstance(robot, str) else "", ROBOTS["mbbr"])
     config = checker.section(schema, root)

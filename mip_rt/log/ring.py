@@ -142,7 +142,7 @@ def open_log(path) -> Log:
         raise LogError(f"the header of {path} is damaged: {error}.", code="log_header") from error
     whole = max(0, min(rows, (len(data) - rows_at) // dtype.itemsize))
     damage = [] if whole == rows else [f"the file ends after {whole} of {rows} rows"]
-    table = np.frombuffer(data, dtype, whole, rows_at)
+    table = np.frombuffer(data, dtype, whole, rows_at) if whole else np.zeros(0, dtype)
     sequence = table["sequence"]
     good = (sequence > 0) & ((sequence - 1) % rows == np.arange(whole)) & (table["tick"] == sequence - 1)
     torn = int(np.count_nonzero(~good & (sequence != 0)))

@@ -1,0 +1,100 @@
+"""The ring: self-describing, ordered, torn rows recognised, damage reported."""
+
+import numpy as np
+import pytest
+
+from mip_rt import frame
+from mip_rt.errors import LogError
+from mip_rt.log import open as open_log
+from mip_rt.log.ring import PREFIX, Ring, header
+
+
+def filled(path, ticks, rows=16):
+    ring = Ring(path, rows, header("robot: mbbr\n", {"seed": 5}))
+    for tick in range(ticks):
+        index = tick % rows
+        ring.begin(index)
+        ring.rows["tick"][index] = tick
+        ring.rows["battery_v"][index] = tick * 0.5
+        ring.commit(index, tick)
+    ring.close()
+    return ring
+
+
+@pytest.mark.parametrize("ticks", [0, 1, 15, 16, 17, 100])
+def test_rows_come_back_in_order(tmp_path, ticks):
+    filled(tmp_path / "a.ring", ticks)
+    log = open_log(tmp_path / "a.ring")
+    assert list(log.frames["tick"]) == list(range(max(0, ticks - 16), ticks))
+    assert log.damage == [] and log.config == "robot: mbbr\n" and log.header["seed"] == 5
+
+
+def test_log_describes_itself(tmp_path):
+    filled(tmp_path / "a.ring", 1)
+    log = open_log(tmp_path / "a.ring")
+    fields = {f["name"]: f for f in log.header["fields"]}
+    assert fields["battery_v"]["unit"] == "V" and set(fields) == set(frame.FRAME.names)
+    assert log.frames.dtype == frame.FRAME and len(log.header["source_hash"]) == 16
+
+
+def test_a_row_being_written_is_left_out(tmp_path):
+    ring = filled(tmp_path / "a.ring", 10)
+    ring.begin(3)
+    ring.rows["tick"][3] = 19
+    assert 3 not in list(open_log(tmp_path / "a.ring").frames["tick"]) and len(open_log(tmp_path / "a.ring").frames) == 9
+
+
+def test_a_row_that_lies_about_its_tick_is_damage(tmp_path):
+    ring = filled(tmp_path / "a.ring", 10)
+    ring.rows["tick"][4] = 99
+    log = open_log(tmp_path / "a.ring")
+    assert 99 not in log.frames["tick"] and len(log.damage) == 1
+
+
+def test_truncation_anywhere_loses_only_what_was_cut(tmp_path):
+    filled(tmp_path / "a.ring", 16)
+    data = (tmp_path / "a.ring").read_bytes()
+    cut = tmp_path / "cut.ring"
+    for length in np.linspace(0, len(data), 60).astype(int):
+        cut.write_bytes(data[:length])
+        try:
+            log = open_log(cut)
+        except LogError:
+            continue
+        assert set(log.frames["tick"]) <= set(range(16))
+        assert (log.frames["battery_v"] == log.frames["tick"] * 0.5).all()
+        assert log.damage or length == len(data)
+
+
+def test_not_a_log(tmp_path):
+    (tmp_path / "x").write_bytes(b"hello" * 100)
+    with pytest.raises(LogError, match="not a mip-rt log"):
+        open_log(tmp_path / "x")
+    (tmp_path / "x").write_bytes(PREFIX.pack(b"MIPRTLOG", 99, 0, 0, 0, 0))
+    with pytest.raises(LogError, match="version 99"):
+        open_log(tmp_path / "x")
+    (tmp_path / "x").write_bytes(PREFIX.pack(b"MIPRTLOG", 1, 4, 0, 4096, 0) + b"null")
+    with pytest.raises(LogError, match="damaged"):
+        open_log(tmp_path / "x")
+
+
+def test_unwritable_folder_is_a_refusal():
+    with pytest.raises(LogError, match="cannot be created"):
+        Ring(__import__("pathlib").Path("/proc/nowhere/a.ring"), 4, {})
+
+
+def test_input_block_matches_the_record():
+    """The loop packs the inputs in one stroke; order, types and offsets must be those of the record."""
+    import struct
+
+    values = list(range(1, 13)) + [0.5, 1.5, 2.5, 3.5, 4.5, 5.5]
+    rows = np.zeros(1, frame.FRAME)
+    struct.pack_into(frame.INPUT_FORMAT, rows.view(np.uint8), frame.INPUT_OFFSET, *values)
+    flat = np.concatenate([np.atleast_1d(rows[0][f.name]) for f in frame.INPUTS])
+    assert list(flat) == values
+
+
+def test_every_field_has_unit_and_meaning():
+    for field in frame.FIELDS:
+        assert field.unit and field.meaning, field.name
+    assert len({f.name for f in frame.FIELDS}) == len(frame.FIELDS)
