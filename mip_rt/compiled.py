@@ -91,7 +91,7 @@ def prepare() -> Path | None:
 
 CACHE_FOLDER = prepare()
 
-import numba  # noqa: E402  (only after the cache folder is set)
+import numba  # noqa: E402, F401  (only after the cache folder is set; others take it from here)
 from numba.extending import register_jitable  # noqa: E402, F401
 
 JIT_DISABLED = bool(numba.config.DISABLE_JIT)

@@ -12,10 +12,9 @@ per turn of the ball, which is what `rollers_per_ball_turn` says.
 
 import math
 
-import numba
 import numpy as np
 
-from mip_rt.compiled import njit, record_array
+from mip_rt.compiled import njit, numba, record_array
 from mip_rt.models import friction, mbbr, motor
 
 NORMALS = 16  # random numbers used per sample

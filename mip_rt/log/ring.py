@@ -35,7 +35,6 @@ def _align(size: int) -> int:
 def header(config_text: str, extra: dict | None = None) -> dict:
     """What a log says of itself."""
     import llvmlite
-    import numba
 
     return {
         "mip_rt": mip_rt.__version__,
@@ -43,7 +42,7 @@ def header(config_text: str, extra: dict | None = None) -> dict:
         "fields": [f._asdict() for f in frame.FIELDS],
         "row_bytes": frame.FRAME.itemsize,
         "config": config_text,
-        "versions": {"numba": numba.__version__, "numpy": np.__version__, "llvmlite": llvmlite.__version__},
+        "versions": {"numba": compiled.numba.__version__, "numpy": np.__version__, "llvmlite": llvmlite.__version__},
         "host": {"machine": platform.machine(), "system": platform.platform(), "cpu": compiled.cpu_name()},
         "clock": {"monotonic_ns": time.monotonic_ns(), "realtime_ns": time.time_ns()},
         **(extra or {}),

@@ -7,11 +7,10 @@ parameters, state and sensor fields give the same outputs; nothing is allocated,
 
 import math
 
-import numba
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.compiled import njit, record_array
+from mip_rt.compiled import njit, numba, record_array
 from mip_rt.controllers import gain_schedule, reference, state_feedback, wheel_drive
 from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf
 from mip_rt.robots import mbbr_sensors

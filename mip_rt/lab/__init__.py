@@ -1,0 +1,1 @@
+"""Experiments, comparisons and measurements; nothing that the robot needs."""
