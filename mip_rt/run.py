@@ -88,7 +88,8 @@ class Session:
                 realtime.freeze_garbage_collector()
                 self.scheduling = realtime.Scheduling(gc_frozen=True)
             if kernel.wait_readable(self.devices.imu_line.fd, self.config.limits.imu_silence_s):
-                self.devices.imu_line.read()  # interrupts of the bring-up are not missed ticks
+                while self.devices.imu_line.read() is not None:
+                    pass  # interrupts of the bring-up are not missed ticks
             end_ns = kernel.monotonic_ns() + round(min(duration_s, 1e8) * 1e9)
             silent = 0
             while not stop.requested and kernel.monotonic_ns() < end_ns:

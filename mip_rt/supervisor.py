@@ -13,6 +13,8 @@ from mip_rt.hardware.imu_status import IMU_BUS_ERROR, IMU_FROZEN, IMU_OK
 
 
 class State(IntEnum):
+    """What the robot is doing; the number stands in the frame."""
+
     BOOT = 0  # waiting for the first good packets of the IMU
     CALIBRATING = 1  # measuring the gyro's bias while still, waiting for the DMP to agree with gravity
     DISARMED = 2  # motors off, waiting for the arm button

@@ -48,12 +48,15 @@ class FakeKernel(Kernel):
 
     # -- what drivers call -------------------------------------------------------------------------------------------
     def monotonic_ns(self) -> int:
+        """The machine's clock, or the virtual one."""
         return time.monotonic_ns() if self._real else self._now_ns
 
     def ioctl(self, fd, request, argument, mutate=True):
+        """GPIO only."""
         return self.gpio.ioctl(fd, request, argument, mutate)
 
     def open_i2c(self, bus: int):
+        """The bus with the chip."""
         return self.bus
 
     def sleep(self, seconds: float) -> None:
@@ -62,6 +65,7 @@ class FakeKernel(Kernel):
         self.sysfs.service()
 
     def wait_readable(self, fd: int, timeout_s: float) -> bool:
+        """Lets the world move to its next sample, and waits for its moment."""
         if fd not in self._polled:
             self._poll.register(fd, select.POLLIN)
             self._polled.add(fd)

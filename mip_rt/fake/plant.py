@@ -6,8 +6,8 @@ equations at the present wheel speeds and battery voltage, Coulomb and viscous f
 Vibration. The rollers of the double-row omniwheels hand over to each other as the ball rolls; the dissertation (section 6.4.4,
 Fig. 6.24) finds lines in the ball speed's spectrum whose frequency grows with the drive rate, 39.1 rad/s being marked, and a 17 to 25 rad/s
 response at low speed. Here each wheel drives the ball with a torque of amplitude proportional to its speed (up to a limit) at
-`rollers` times its angle: 0.2 m/s is 6.25 rad/s of the ball, so 6.25 * 2.56 * rollers / 2.56 = 39.1 rad/s needs about 6.26 handovers
-per turn of the ball, which is what `rollers_per_ball_turn` says.
+`rollers_per_ball_turn` times the ball's angle about that wheel's axis: at 0.2 m/s the ball turns at 6.25 rad/s, so the marked line
+needs a factor of 6.26.
 """
 
 import math
@@ -232,9 +232,9 @@ def _inertial_sensors(p, s, normal):
     if s.held == 0:
         mbbr.encoder_rate_into(s.x, s.k[0])
         shake = p.vibration_accel_m_s2 * min(math.hypot(s.k[0, 0], s.k[0, 1]) * 0.1, 1.0)
-        phase = p.rollers_per_ball_turn * 2.56 * s.body_angle_rad[0]
+        phase = p.rollers_per_ball_turn * s.body_angle_rad[0]
         force[0] += shake * math.sin(phase)
-        force[1] += shake * math.sin(p.rollers_per_ball_turn * 2.56 * s.body_angle_rad[1])
+        force[1] += shake * math.sin(p.rollers_per_ball_turn * s.body_angle_rad[1])
     for i in range(3):
         turn = 0.0
         push = 0.0
