@@ -38,9 +38,9 @@ def _parser() -> argparse.ArgumentParser:
     commands.add_arguments(config)
     verbs.add_parser("warm-up", help="compile everything and keep it", epilog="example: mip-rt warm-up")
     bench = verbs.add_parser("bench", help="measure costs", epilog="example: mip-rt bench steps")
-    bench.add_argument("what", choices=("steps", "estimators", "robustness"), help="compiled steps against C and FilterPy; estimator errors by yaw rate; model errors")
+    bench.add_argument("what", choices=("steps", "estimators", "robustness"), help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors")
     bench.add_argument("--json", action="store_true")
-    bench.add_argument("--quick", action="store_true", help="fewer seeds")
+    bench.add_argument("--quick", action="store_true", help="fewer seeds or ticks")
     return parser
 
 

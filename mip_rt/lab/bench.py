@@ -1,0 +1,141 @@
+"""The verb `mip-rt bench`: what things cost, how well the estimators do, what the controller survives."""
+
+import json
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from mip_rt import config as configuration
+from mip_rt import run as runner
+from mip_rt.config import published
+from mip_rt.config import scenario as scenarios
+from mip_rt.fake import bench as fake_bench
+
+DRIVES = (("drive", 0.0), ("drive-spin-0.5", 0.5), ("drive-spin-1.0", 1.0), ("drive-spin-1.5", 1.5))
+ALL_SCENARIOS = ("hold", "spin-0.5", "spin-1.0", "spin-1.5", "drive-spin-1.0", "dissertation-6.4.5")
+
+
+def dry_run(overrides: dict, scenario: str, seed: int, duration_s: float | None = None) -> dict:
+    """Summary of a dry run on virtual time, in this process."""
+    config = configuration.load(configuration.default_path("mbbr"), overrides)
+    script = scenarios.load(scenario)
+    bench = fake_bench.build(config, script, seed, False)
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            session = runner.Session(config, bench, Path(folder), bench.remote.device, seed, scenario)
+            return session.run(duration_s or script.duration_s, runner.Stop(), None, False)
+    finally:
+        bench.close()
+
+
+def estimators(quick: bool) -> dict:
+    """Errors of every estimator on the same samples, by yaw rate, while driving at 0.2 m/s; mean over seeds."""
+    shadows = [name for name in published.ESTIMATORS if name != "dmp_ekf"]
+    seeds = range(1, 2 if quick else 4)
+    table = {}
+    for number, (scenario, yaw_rate_hz) in enumerate(DRIVES):
+        runs = []
+        for seed in seeds:
+            progress(number * len(seeds) + seed - 1, len(DRIVES) * len(seeds), f"{scenario}, seed {seed}")
+            runs.append(dry_run({"estimator.shadows": f"[{', '.join(shadows)}]"}, scenario, seed)["estimators"])
+        table[yaw_rate_hz] = {
+            name: {key: float(np.sqrt(np.mean([run[name][key] ** 2 for run in runs]))) for key in runs[0][name]} for name in runs[0]
+        }
+    progress(1, 1, "")
+    return table
+
+
+def print_estimators(table: dict) -> None:
+    """Markdown: tilt error in mrad / ball speed error in rad/s, RMS per axis."""
+    names = list(next(iter(table.values())))
+    print("| yaw rate | " + " | ".join(names) + " |")
+    print("|---|" + "---|" * len(names))
+    for yaw_rate_hz, row in table.items():
+        cells = [f"{row[n]['tilt_rms_error_rad'] * 1e3:.1f} / {row[n]['ball_speed_rms_error_rad_s']:.2f}" for n in names]
+        print(f"| {yaw_rate_hz:g} Hz | " + " | ".join(cells) + " |")
+
+
+def draw(random, index: int) -> dict:
+    """One set of unknown imperfections: model errors of up to 10 %, extra delay, a crooked IMU, an empty battery."""
+    overrides = {f"dry_run.model_error.{name}": str(1.0 + 0.1 * random.choice((-1, 1))) for name in ("mass", "inertia", "com_height", "friction", "motor")}
+    overrides["dry_run.extra_delay_ticks"] = str(index % 4)
+    crooked = np.radians(2.0) * random.choice((-1, 1), 2) / np.sqrt(2.0)
+    overrides["dry_run.imu_misalignment_rad"] = f"[{crooked[0]:.5f}, {crooked[1]:.5f}, 0.0]"
+    overrides["dry_run.battery_v"] = "6.6" if index % 2 else "7.9"
+    return overrides
+
+
+def robustness(quick: bool) -> dict:
+    """{scenario: list of (draw, balanced seconds, fell)} over seeded draws of everything at once."""
+    found, count = {}, 3 if quick else 8
+    for number, scenario in enumerate(ALL_SCENARIOS):
+        found[scenario] = []
+        random = np.random.default_rng(7)
+        for index in range(count):
+            progress(number * count + index, count * len(ALL_SCENARIOS), f"{scenario}, draw {index}")
+            overrides = draw(random, index)
+            report = dry_run({"estimator.shadows": "[]", **overrides}, scenario, index + 1)
+            found[scenario].append((overrides, report["balanced_s"], report["fell"] or bool(report["faults"]), report["tilt_max_rad"]))
+    progress(1, 1, "")
+    return found
+
+
+def print_robustness(found: dict) -> None:
+    """Markdown, and every draw that fell."""
+    print("| scenario | draws | fell | largest lean (deg) |")
+    print("|---|---|---|---|")
+    for scenario, draws in found.items():
+        worst = max(np.degrees(entry[3]) for entry in draws)
+        print(f"| {scenario} | {len(draws)} | {sum(bool(entry[2]) for entry in draws)} | {worst:.1f} |")
+    for scenario, draws in found.items():
+        for overrides, balanced, fell, _ in draws:
+            if fell:
+                print(f"{scenario} fell after {balanced:.1f} s: " + " ".join(f"--set {key}={value}" for key, value in overrides.items()))
+
+
+def speed(quick: bool) -> dict:
+    """Costs on this machine: a stubbed tick, the EKF alone, the whole dry run against real time."""
+    import time
+
+    from mip_rt.lab import costs
+
+    count = 5000 if quick else 20000
+    costs.steps(10)
+    begin = time.perf_counter()
+    costs.steps(20 * count)
+    ekf_ns = (time.perf_counter() - begin) / (20 * count) * 1e9
+    tick_us = min(costs.ticks(count) for _ in range(3)) / count * 1e6
+    begin = time.perf_counter()
+    duration = 20.0 if quick else 60.0
+    dry_run({"estimator.shadows": "[]"}, "hold", 1, duration)
+    return {"ekf_step_ns": ekf_ns, "tick_us": tick_us, "times_real_time": duration / (time.perf_counter() - begin)}
+
+
+def progress(done: int, total: int, what: str) -> None:
+    """A progress bar on standard error, where that is a terminal."""
+    if sys.stderr.isatty():
+        filled = round(30 * done / max(total, 1))
+        end = "\n" if done == total else "\r"
+        sys.stderr.write(f"[{'#' * filled}{'.' * (30 - filled)}] {done}/{total} {what}\x1b[K{end}")
+        sys.stderr.flush()
+
+
+def run(arguments) -> int:
+    """Exit code 1 where a robustness draw fell."""
+    if arguments.what == "estimators":
+        table = estimators(arguments.quick)
+        print(json.dumps(table)) if arguments.json else print_estimators(table)
+    elif arguments.what == "robustness":
+        found = robustness(arguments.quick)
+        print(json.dumps(found)) if arguments.json else print_robustness(found)
+        return int(any(entry[2] for draws in found.values() for entry in draws))
+    else:
+        figures = speed(arguments.quick)
+        if arguments.json:
+            print(json.dumps(figures))
+        else:
+            print(f"EKF step {figures['ekf_step_ns']:.0f} ns; whole tick without fakes {figures['tick_us']:.1f} us; "
+                  f"dry run {figures['times_real_time']:.0f} times real time (start included)")  # fmt: skip
+    return 0
