@@ -48,13 +48,19 @@ def simulate():
 
 
 def replay(inputs) -> np.ndarray:
-    """The same inputs through this machine's step."""
+    """The same inputs through this machine's step.
+
+    The command in force is an input, too: controller and filters alone, without the plant that answers, are an unstable system
+    that would blow rounding up.
+    """
     _, robot = _robot()
     rows = np.zeros(len(inputs), frame.FRAME)
     for name in INPUTS:
         rows[name] = inputs[name]
     robot.attach(rows)
     for k in range(len(rows)):
+        if k:
+            robot.state[0].applied[:] = inputs["command_applied"][k - 1]
         robot.step(k)
     return rows
 

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from mip_rt import frame
+from mip_rt.compiled import JIT_DISABLED
 from mip_rt.controllers import gain_schedule, reference, state_feedback, wheel_drive
 from mip_rt.controllers.filters import pole_from_rate
 from mip_rt.errors import ConfigError
@@ -39,7 +40,7 @@ class Robot:
         self.estimator_parameters, self.estimator_states = estimator_parameters, estimator_states
         # The same memory as plain arrays: numba recognises those ten times faster than record arrays.
         self._arguments = tuple(
-            array.view(dtype).view(np.ndarray)
+            array if JIT_DISABLED else array.view(dtype).view(np.ndarray)
             for array, dtype in (
                 (parameters, robot.PARAMETERS),
                 (state, robot.STATE),
@@ -51,7 +52,7 @@ class Robot:
 
     def attach(self, rows) -> None:
         """Uses this ring's rows."""
-        self._rows = rows
+        self._rows = rows.view(np.recarray) if JIT_DISABLED else rows  # plain Python needs fields as attributes
 
     def rehearse(self) -> None:
         """Runs the step once in each of its ways and forgets it: the first real tick then meets no cold page and no cold dispatcher."""

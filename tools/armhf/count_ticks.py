@@ -4,9 +4,11 @@ step: N steps of the compiled extended Kalman filter alone; tick: N whole ticks 
 difference of two counted runs with different N, divided by the difference of N: start-up and compilation cancel out.
 """
 
+import pathlib
 import sys
 
-from mip_rt.lab import costs
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2]))
+from mip_rt.lab import costs  # noqa: E402
 
 if __name__ == "__main__":
     costs.run(sys.argv[1], int(sys.argv[2]))
