@@ -114,7 +114,7 @@ MBBR = {
         "control": Choice("dmp_ekf", "Estimator that controls.", choices=published.ESTIMATORS),
         "shadows": Several(("ekf", "kf", "dmp_kf"), "Estimators that run beside it and are logged.",
                            item=Choice("", "", choices=published.ESTIMATORS), most=7),
-        "noise_set": Choice("control", "Process noise in use.", choices=tuple(published.PROCESS_NOISE)),
+        "noise_set": Choice("driving", "Process noise in use.", choices=tuple(published.PROCESS_NOISE)),
         "process_noise": {
             name: numbers(values, f"Variance a 5 ms step: q1=q2, q3, q4=q5, q6=q7, q8, q9=q10, q11=q12=q13 ({source}).", 7, low=0, high=1e6)
             for name, (values, source) in published.PROCESS_NOISE.items()

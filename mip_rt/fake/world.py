@@ -152,7 +152,7 @@ def _configure(p, config) -> None:
     p.rollers_per_ball_turn = dry.rollers_per_ball_turn
     p.dmp_lag_s, p.dmp_noise_rad = dry.dmp_lag_s, dry.dmp_noise_rad
     p.dmp_noise_time_s, p.dmp_yaw_drift_rad_s = dry.dmp_noise_time_s, dry.dmp_yaw_drift_rad_s
-    # A misaligned chip is misaligned for the DMP, too.
-    p.dmp_offset_rad[:] = np.array(dry.dmp_offset_rad) + np.array(dry.imu_misalignment_rad)[:2]
+    # A chip that is turned against the body sees the body turned the other way, and so does its DMP.
+    p.dmp_offset_rad[:] = np.array(dry.dmp_offset_rad) - np.array(dry.imu_misalignment_rad)[:2]
     p.actuation_delay_steps, p.extra_delay_ticks = dry.actuation_delay_ms, dry.extra_delay_ticks
     p.tip_limit_rad = GROUND_TILT_RAD

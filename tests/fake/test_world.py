@@ -71,6 +71,19 @@ def test_standing_still_reads_gravity_upwards():
     assert np.mean(forces, axis=0) == pytest.approx([0, 9.8 * math.sin(0.3), 9.8 * math.cos(0.3)], abs=0.02)
 
 
+def test_a_crooked_imu_is_crooked_for_accelerometer_and_dmp_alike():
+    made = World(make_config(**QUIET, dry_run__imu_misalignment_rad="[0.03, -0.02, 0.0]"), 1)
+    made.lean_rad = (0.0, 0.0)
+    made.hold()
+    leans = []
+    for _ in range(400):
+        made.advance(np.zeros(3), False)
+        (x, y, z), (w, i, j, k) = chip(made)[0], quaternion(made)
+        leans.append([math.atan2(y, z), -math.asin(x / 9.8), math.atan2(2 * (w * i + j * k), 1 - 2 * (i * i + j * j)), math.asin(2 * (w * j - k * i))])
+    by_force, by_dmp = np.mean(leans, axis=0)[:2], np.mean(leans, axis=0)[2:]
+    assert by_force == pytest.approx([-0.03, 0.02], abs=1e-3) and by_dmp == pytest.approx(by_force, abs=1e-3)
+
+
 def test_quaternion_and_gyro_follow_the_true_attitude():
     made = world()
     s = made.state[0]
