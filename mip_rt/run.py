@@ -1,214 +1,84 @@
-"""Runs a robot: puts configuration, drivers (or fakes), robot, supervisor and ring together, and turns the loop until it is told to stop.
+"""`mip-rt` without a verb: runs the robot, or its dry run, from command-line arguments to summary and exit code."""
 
-The loop itself is in `loop.py`; here is everything around it, none of which is in the way of a tick: calibration and pre-arm
-checks while the motors are off, the status line, the summary.
-"""
-
-import math
-import os
-import signal
+import json
 import sys
-import tempfile
-import time
-from pathlib import Path
 
-import numpy as np
-
-from mip_rt import realtime
-from mip_rt.errors import MipRtError
-from mip_rt.hardware.devices import open_devices
-from mip_rt.hardware.kernel import Kernel
-from mip_rt.log.ring import Ring, header
-from mip_rt.loop import Loop
-from mip_rt.prearm import Calibration, failing_checks
-from mip_rt.robots import mbbr_setup
-from mip_rt.summary import Summary
-from mip_rt.supervisor import State, Supervisor
-
-ABSORB_EVERY = 64  # ticks between looks of the summary
-CHECK_EVERY = 20  # ticks between pre-arm checks
-BOOT_TIMEOUTS = 40  # silent waits in a row before a start is given up
+from mip_rt.errors import ConfigError
 
 
-class Stop:
-    """Set by SIGTERM, SIGINT and SIGHUP; the loop ends after its tick."""
+def add_arguments(parser) -> None:
+    """Declares the arguments of a run."""
+    parser.add_argument("--config", metavar="FILE", help="configuration file (default: the installed or shipped one)")
+    parser.add_argument("--robot", choices=("mbbr",), default="mbbr")
+    parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change one value of the configuration")
+    parser.add_argument("--dry-run", action="store_true", help="on a PC: the same code against simulated chips and a simulated robot")
+    parser.add_argument("--duration", metavar="S", type=float, help="stop after so many seconds (dry run: the scenario's length)")
+    parser.add_argument("--speed", choices=("real", "max"), default="real", help="dry run in real time, or as fast as possible")
+    parser.add_argument("--seed", metavar="N", type=int, default=1, help="of the dry run's randomness")
+    parser.add_argument("--remote", metavar="PTY|FILE|none", help="the remote's port (default: the configuration's, or the scenario's)")
+    parser.add_argument("--scenario", metavar="NAME|FILE", default="hold", help="what the dry run's operator does")
+    parser.add_argument("--log", metavar="DIR", help="folder of the log")
+    parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, and nothing else, on standard output")
 
-    def __init__(self):
-        self.requested = False
 
-    def __call__(self, *_):
-        self.requested = True
+def run(arguments) -> int:
+    """Exit code 0, or 1 where the robot fell or ended in a fault.
 
-
-class Session:
-    """One run of one robot.
-
-    Args:
-        config: loaded configuration.
-        bench: fake.bench.Bench of a dry run; None on the robot.
-        log_folder: where the ring file goes.
-        remote_device: the remote's port; None for none.
-        names: (robot, scenario or "") for the log's name.
+    Raises:
+        MipRtError: a refusal to start.
     """
+    from mip_rt import config as configuration
 
-    def __init__(self, config, bench, log_folder: Path, remote_device, seed: int, scenario_name: str = ""):
-        self.config, self.bench, self.seed = config, bench, seed
-        self.kernel = bench.kernel if bench else Kernel()
-        self.robot = mbbr_setup.build(config)
-        rows = round(config.log.ring_s * config.realtime.rate_hz)
-        stamp = time.strftime("%Y%m%d-%H%M%S")
-        name = f"mip-rt-{stamp}-{os.getpid()}.ring" if not bench else f"dry-run-{scenario_name}-seed{seed}.ring"
-        extra = {"seed": seed, "scenario": scenario_name, "estimators": self.robot.names} if bench else {"estimators": self.robot.names}
-        self.ring = Ring(Path(log_folder) / name, rows, header(config.to_yaml(), extra))
-        self.robot.attach(self.ring.rows)
-        self.robot.rehearse()
-        image = (bench.image_path, bench.image_sha256) if bench else None
-        self.devices = open_devices(self.kernel, config, remote_device, image)
-        dt_s = 1.0 / config.realtime.rate_hz
-        self.supervisor = Supervisor(self.devices.motors, config.limits, dt_s, config.control.soft_start_s)
-        self.loop = Loop(
-            self.robot, self.devices, self.supervisor, self.ring, self.kernel, config.limits.imu_silence_s,
-            config.limits.engage_tilt_rad,
-        )  # fmt: skip
-        self.calibration = Calibration(config.realtime.rate_hz)
-        self.summary = Summary(self.robot.names, dt_s)
-        self.summary.radius_m = config.model.ball_radius_m
-        self.scheduling = realtime.Scheduling()
-        self.refusals = []
-        self._absorbed = 0
+    path = arguments.config or configuration.default_path(arguments.robot)
+    config = configuration.load(path, dict(configuration.parse_override(text) for text in arguments.set))
+    if arguments.duration is not None and not 0.0 < arguments.duration < 1e8:
+        raise ConfigError(f"--duration {arguments.duration:g} is not a time.", "Give seconds, for example --duration 60.", "arguments")
+    scenario = None
+    if arguments.dry_run:
+        from mip_rt.config import scenario as scenarios
 
-    def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True) -> dict:
-        """Turns the loop for `duration_s` (or until stopped); returns the summary. The motors are off afterwards, however it ends."""
-        loop, kernel = self.loop, self.kernel
-        try:
-            if real_time:
-                settings = self.config.realtime
-                self.scheduling = realtime.enter(settings.policy, settings.priority, settings.lock_memory, settings.strict)
-            else:
-                realtime.freeze_garbage_collector()
-                self.scheduling = realtime.Scheduling(gc_frozen=True)
-            if kernel.wait_readable(self.devices.imu_line.fd, self.config.limits.imu_silence_s):
-                while self.devices.imu_line.read() is not None:
-                    pass  # interrupts of the bring-up are not missed ticks
-            end_ns = kernel.monotonic_ns() + round(min(duration_s, 1e8) * 1e9)
-            silent = 0
-            while not stop.requested and kernel.monotonic_ns() < end_ns:
-                if not loop.tick():
-                    silent += 1
-                    if silent > BOOT_TIMEOUTS and loop.ticks == 0:
-                        raise MipRtError("the IMU sends no interrupts.", "Run mip-rt doctor.", "imu_no_interrupt")
-                    continue
-                silent = 0
-                self._between_ticks(loop.ticks - 1)
-                if live is not None:
-                    live.update(self)
-        finally:
-            self.supervisor.shut_down()
-            self.devices.close()
-            realtime.leave()
-        self._absorb(loop.ticks)
-        self.ring.close()
-        return self.summary.report(
-            self.supervisor.state, self.scheduling.summary(), self.ring.path, self.config.robot, self.robot.controller, self.seed,
-            self.tipped,
-        )  # fmt: skip
+        scenario = scenarios.load(arguments.scenario)
+    elif arguments.speed == "max":
+        raise ConfigError("--speed max needs --dry-run.", "A robot runs in real time.", "arguments")
 
-    @property
-    def tipped(self) -> bool:
-        """The last row says that the robot leans beyond the limit."""
-        return any(code == "tipped" for _, _, code in self.supervisor.events)
+    from mip_rt import session as runner
 
-    def _between_ticks(self, tick: int) -> None:
-        state = self.supervisor.state
-        if tick % ABSORB_EVERY == ABSORB_EVERY - 1:
-            self._absorb(tick + 1)
-        if state is State.BALANCING:
-            return
-        if state is State.CALIBRATING and not self.calibration.done:
-            row = self.ring.rows[tick % self.ring.capacity]
-            if self.calibration.take(row["gyro_rad_s"], row["acceleration_m_s2"], row["attitude_rad"]):
-                self.robot.set_gyro_bias(self.calibration.bias_rad_s)
-                self.supervisor.calibrated = True
-        if tick % CHECK_EVERY == 0:
-            self.refusals = failing_checks(
-                self.calibration, self.devices, self.config.battery.minimum_v, self._rate_hz(tick), self.config.realtime.rate_hz
-            )
-            self.supervisor.why_not_armed = self.refusals
+    stop = runner.install_signals()
+    real_time = arguments.speed == "real"
+    bench = None
+    remote = {None: config.remote.device, "none": None}.get(arguments.remote, arguments.remote)
+    if arguments.dry_run:
+        from mip_rt.fake import bench as fake_bench
 
-    def _rate_hz(self, tick: int) -> float:
-        """Interrupt rate over the last 200 ticks; the wanted rate before there are that many."""
-        span = min(tick, 200)
-        if span < 50:
-            return self.config.realtime.rate_hz
-        rows, n = self.ring.rows, self.ring.capacity
-        return span * 1e9 / float(rows["edge_ns"][tick % n] - rows["edge_ns"][(tick - span) % n])
-
-    def _absorb(self, until: int) -> None:
-        count = until - self._absorbed
-        if count <= 0:
-            return
-        index = np.arange(self._absorbed, until)
-        rows = self.ring.rows[index % self.ring.capacity]
-        if self.bench:
-            # The world's rows run on with its samples; the newest belongs to the newest tick, missed samples lie between.
-            world = self.bench.world
-            behind = np.round((rows["edge_ns"][-1] - rows["edge_ns"]) / (1e9 / self.config.realtime.rate_hz)).astype(int)
-            newest = self.kernel.sample_of(int(rows["edge_ns"][-1]))
-            samples = (newest - behind) % len(world.truth)
-            self.summary.absorb(rows, world.truth_rows[samples], self.kernel.fake_ns[samples])
-        else:
-            self.summary.absorb(rows)
-        self._absorbed = until
+        bench = fake_bench.build(config, scenario, arguments.seed, real_time)
+        if arguments.remote is None:
+            remote = bench.remote.device
+    try:
+        folder = arguments.log or (runner.temporary_log_folder() if bench else config.log.folder)
+        name = scenario.name if scenario else ""
+        session = runner.Session(config, bench, folder, remote, arguments.seed, name)
+        if not arguments.json:
+            print(runner.banner(session, name, arguments.speed), file=sys.stderr)
+        duration = arguments.duration or (scenario.duration_s if scenario else 1e8)
+        live = runner.Live() if real_time and not arguments.json else None
+        report = session.run(duration, stop, live, real_time)
+    finally:
+        if bench:
+            bench.close()
+    _print(report, session, arguments.json)
+    return 1 if report["fell"] or report["faults"] else 0
 
 
-class Live:
-    """The status line: rewritten in place on a terminal, otherwise one line a second; on standard error."""
+def _print(report: dict, session, as_json: bool) -> None:
+    if as_json:
+        print(json.dumps(report))
+        return
+    from mip_rt.summary import render
 
-    def __init__(self, every_ticks: int = 200):
-        self._terminal = sys.stderr.isatty()
-        self._every = every_ticks // 10 if self._terminal else every_ticks
-
-    def update(self, session: Session) -> None:
-        """Called after every tick; writes on few of them."""
-        tick = session.loop.ticks
-        if tick % self._every:
-            return
-        row = session.ring.rows[(tick - 1) % session.ring.capacity]
-        supervisor = session.supervisor
-        lean = math.degrees(math.hypot(row["attitude_rad"][0], row["attitude_rad"][1]))
-        text = (
-            f"{tick * 0.005:7.1f} s  {supervisor.state.name:<11} lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
-            f"  {session.devices.battery_v:4.2f} V"
-        )
-        if supervisor.state is State.FAULT:
-            text += f"  {supervisor.fault.code}: {supervisor.fault.sentence}; {supervisor.fault.cure}"
-        elif session.refusals and supervisor.state is not State.BALANCING:
-            text += f"  not armed: {session.refusals[0].sentence} {session.refusals[0].cure}"
-        end = "\x1b[K\r" if self._terminal else "\n"
-        os.write(2, (text + end).encode())
-
-
-def banner(session: Session, scenario: str, speed: str) -> str:
-    """What is about to run, and how real-time it is."""
-    config = session.config
-    shadows = ", ".join(session.robot.names[1:]) or "none"
-    where = f"dry run of scenario '{scenario}', seed {session.seed}, speed {speed}" if session.bench else "on the robot"
-    return (
-        f"mip-rt: {config.robot} {where}\n"
-        f"  estimator {session.robot.names[0]} (shadows: {shadows}), controller {session.robot.controller}, "
-        f"{config.realtime.rate_hz:g} Hz\n"
-        f"  log {session.ring.path}"
-    )
-
-
-def install_signals() -> Stop:
-    """SIGTERM, SIGINT and SIGHUP end the loop in an orderly way."""
-    stop = Stop()
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, stop)
-    return stop
-
-
-def temporary_log_folder() -> Path:
-    """Where a dry run's log goes when nobody says."""
-    return Path(tempfile.gettempdir()) / "mip-rt"
+    scheduling = report["scheduling"]
+    print(f"scheduling {scheduling['policy']} {scheduling['priority']}, memory "
+          f"{'locked' if scheduling['memory_locked'] else 'not locked'}, garbage collector "
+          f"{'frozen' if scheduling['gc_frozen'] else 'on'}")  # fmt: skip
+    for warning in session.scheduling.warnings:
+        print(f"warning: {warning}")
+    print(render(report))

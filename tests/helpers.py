@@ -1,7 +1,7 @@
 """What several tests need: a dry run without a subprocess, on virtual time."""
 
 from mip_rt import config as configuration
-from mip_rt import run
+from mip_rt import session
 from mip_rt.config import scenario as scenarios
 from mip_rt.fake import bench as fake_bench
 
@@ -20,7 +20,7 @@ class DryRun:
         self.config = config or make_config(estimator__shadows="[]")
         found = scenarios.load(scenario) if isinstance(scenario, str) else scenario
         self.bench = fake_bench.build(self.config, found, seed, False)
-        self.session = run.Session(
+        self.session = session.Session(
             self.config, self.bench, folder, self.bench.remote.device if remote else None, seed, found.name
         )
 
@@ -33,7 +33,7 @@ class DryRun:
 
     def run(self, duration_s):
         """The whole session; its summary."""
-        return self.session.run(duration_s, run.Stop(), None, False)
+        return self.session.run(duration_s, session.Stop(), None, False)
 
     def until(self, predicate, limit_s=10.0):
         """Ticks (with what happens between ticks) until predicate() or the limit; returns seconds of virtual time that passed."""

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mip_rt import config as configuration
-from mip_rt import run as runner
+from mip_rt import session as runner
 from mip_rt.config import published
 from mip_rt.config import scenario as scenarios
 from mip_rt.fake import bench as fake_bench
@@ -121,6 +121,14 @@ def progress(done: int, total: int, what: str) -> None:
         end = "\n" if done == total else "\r"
         sys.stderr.write(f"[{'#' * filled}{'.' * (30 - filled)}] {done}/{total} {what}\x1b[K{end}")
         sys.stderr.flush()
+
+
+def add_arguments(parser) -> None:
+    """Declares the verb's arguments."""
+    parser.add_argument("what", choices=("steps", "estimators", "robustness"),
+                        help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors")  # fmt: skip
+    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--quick", action="store_true", help="fewer seeds or ticks")
 
 
 def run(arguments) -> int:

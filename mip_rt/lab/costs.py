@@ -11,7 +11,7 @@ import time
 import numpy as np
 
 from mip_rt import config as configuration
-from mip_rt import run as runner
+from mip_rt import session as runner
 from mip_rt.compiled import njit
 from mip_rt.config import scenario as scenarios
 from mip_rt.estimators import mbbr_ekf

@@ -192,14 +192,14 @@ def test_only_the_supervisor_reaches_the_motors():
     import mip_rt
 
     package = Path(mip_rt.__file__).parent
-    allowed = {"supervisor.py", "devices.py", "run.py", "motors.py", "pwm.py"}
+    allowed = {"supervisor.py", "devices.py", "session.py", "motors.py", "pwm.py"}
     found = [
         path.name
         for path in package.rglob("*.py")
         if path.name not in allowed and "fake" not in path.parts and re.search(r"Motors\(|motors\.(write|enable|off|start)\(|PwmChannel\(", path.read_text())
     ]
     assert found == []
-    text = (package / "run.py").read_text()
+    text = (package / "session.py").read_text()
     assert re.findall(r"motors\.\w+\(", text) == []
 
 
