@@ -12,12 +12,8 @@ from mip_rt.hardware.imu_status import IMU_NO_DATA
 REMOTE_EVERY = 4  # ticks between looks at the serial port: 20 ms
 BATTERY_EVERY = 40  # ticks between battery readings: 0.2 s
 
-_INPUTS = struct.Struct(frame.INPUT_FORMAT)
-_OFFSET = {name: frame.FRAME.fields[name][1] for name in frame.FRAME.names}
-_DUTIES = struct.Struct("<3q")
 _ONE = struct.Struct("<q")
 _LEAN = struct.Struct("<2d")
-_OUTPUTS = struct.Struct("<3q3q")  # applied_ns, fault, step_ns, write_ns
 
 
 class Loop:
@@ -25,7 +21,7 @@ class Loop:
 
     Args:
         robot: what `robots.mbbr_setup.build` returns: compiled step and its arrays.
-        devices: opened drivers: imu, imu_line, encoders (3), motors, battery, button, remote.
+        devices: opened drivers: imu, imu_line, encoders, motors, battery, button, remote.
         supervisor: owner of the motors.
         ring: log.ring.Ring.
         kernel: the boundary; only its clock and its wait are used here.
@@ -40,11 +36,14 @@ class Loop:
         self.robot, self.devices, self.supervisor, self.ring, self.kernel = robot, devices, supervisor, ring, kernel
         self.silence_s, self.engage_tilt_rad = silence_s, engage_tilt_rad
         self.ticks = self.timeouts = 0
-        self._encoder_0, self._encoder_1, self._encoder_2 = devices.encoders
+        layout = robot.layout
+        self._inputs, self._duties, self._outputs, self._at = layout.inputs, layout.duties, layout.results, layout.offset
+        self._no_pulses = (0,) * layout.wheels
 
     def tick(self) -> bool:
         """Runs one tick; False where no interrupt came in time (the motors are then off)."""
         devices, ring, kernel, supervisor = self.devices, self.ring, self.kernel, self.supervisor
+        at = self._at
         edge = devices.imu_line.read() if kernel.wait_readable(devices.imu_line.fd, self.silence_s) else None
         wake_ns = kernel.monotonic_ns()
         if edge is None:
@@ -59,33 +58,33 @@ class Loop:
         base = index * ring.row_bytes
         buffer = ring.buffer
         ring.begin(index)
-        status = devices.imu.read(buffer, base + frame.PACKET_OFFSET)
+        status = devices.imu.read(buffer, base + at["imu_packet"])
         remote = devices.remote
-        count_0, count_1, count_2 = self._encoder_0.read(), self._encoder_1.read(), self._encoder_2.read()
+        counts = devices.read_counts()
         remote.update(wake_ns)
         read_ns = kernel.monotonic_ns()
-        _INPUTS.pack_into(
-            buffer, base + frame.INPUT_OFFSET,
+        self._inputs.pack_into(
+            buffer, base + at["tick"],
             tick, edge[0], wake_ns, read_ns, edge[2] - 1, supervisor.state, supervisor.request, status,
-            devices.imu.backlog, count_0, count_1, count_2, devices.battery_v, remote.velocity_x_m_s,
-            remote.velocity_y_m_s, remote.yaw_rate_rad_s, remote.age_s, supervisor.drive_scale,
+            devices.imu.backlog, *counts, devices.battery_v, remote.velocity_x_m_s,
+            remote.velocity_y_m_s, remote.yaw_rate_rad_s, remote.age_s, *self.robot.gyro_bias_rad_s, supervisor.drive_scale,
         )  # fmt: skip
 
         self.robot.step(index)
         step_ns = kernel.monotonic_ns()
 
-        (limits,) = _ONE.unpack_from(buffer, base + _OFFSET["limits"])
-        duty_ns = _DUTIES.unpack_from(buffer, base + _OFFSET["duty_ns"])
-        roll, pitch = _LEAN.unpack_from(buffer, base + _OFFSET["attitude_rad"])
+        (limits,) = _ONE.unpack_from(buffer, base + at["limits"])
+        duty_ns = self._duties.unpack_from(buffer, base + at["duty_ns"])
+        roll, pitch = _LEAN.unpack_from(buffer, base + at["attitude_rad"])
         upright = abs(roll) < self.engage_tilt_rad and abs(pitch) < self.engage_tilt_rad and not status & IMU_NO_DATA
         if not remote.alive:
             limits |= frame.LIMIT_REMOTE_LOST
-            _ONE.pack_into(buffer, base + _OFFSET["limits"], limits)
-        applied = duty_ns if supervisor.apply(tick, status, limits, upright, duty_ns) else (0, 0, 0)
+            _ONE.pack_into(buffer, base + at["limits"], limits)
+        applied = duty_ns if supervisor.apply(tick, status, limits, upright, duty_ns) else self._no_pulses
         write_ns = kernel.monotonic_ns()
 
-        _OUTPUTS.pack_into(
-            buffer, base + _OFFSET["applied_ns"], *applied, supervisor.fault.number, step_ns, write_ns
+        self._outputs.pack_into(
+            buffer, base + at["applied_ns"], *applied, supervisor.fault.number, step_ns, write_ns
         )
         ring.commit(index, tick)
         self.ticks = tick + 1

@@ -59,7 +59,8 @@ class Session:
         stamp = time.strftime("%Y%m%d-%H%M%S")
         name = f"mip-rt-{stamp}-{os.getpid()}.ring" if not bench else f"dry-run-{scenario_name}-seed{seed}.ring"
         extra = {"seed": seed, "scenario": scenario_name, "estimators": self.robot.names} if bench else {"estimators": self.robot.names}
-        self.ring = Ring(Path(log_folder) / name, rows, header(config.to_yaml(), extra))
+        layout = self.robot.layout
+        self.ring = Ring(Path(log_folder) / name, layout.dtype, rows, header(layout, config.to_yaml(), extra))
         self.robot.attach(self.ring.rows)
         self.robot.rehearse()
         image = (bench.image_path, bench.image_sha256) if bench else None
@@ -127,7 +128,7 @@ class Session:
         if state is State.CALIBRATING and not self.calibration.done:
             row = self.ring.rows[tick % self.ring.capacity]
             if self.calibration.take(row["gyro_rad_s"], row["acceleration_m_s2"], row["attitude_rad"]):
-                self.robot.set_gyro_bias(self.calibration.bias_rad_s)
+                self.robot.gyro_bias_rad_s = tuple(map(float, self.calibration.bias_rad_s))
                 self.supervisor.calibrated = True
         if tick % CHECK_EVERY == 0:
             self.refusals = failing_checks(

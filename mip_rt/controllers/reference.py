@@ -67,7 +67,7 @@ def step(p, s, velocity_x_m_s, velocity_y_m_s, yaw_rate_rad_s, estimate):
     Args:
         velocity_x_m_s, velocity_y_m_s: commanded velocity relative to the forward heading (x forward, y left).
         yaw_rate_rad_s: commanded yaw rate.
-        estimate: (10,) the estimate in control (frame.ESTIMATE_NAMES).
+        estimate: (10,) the estimate in control (robots.mbbr_frame.ESTIMATE_NAMES).
     """
     cosine = math.cos(s.forward_yaw_rad)
     sine = math.sin(s.forward_yaw_rad)

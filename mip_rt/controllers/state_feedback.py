@@ -65,7 +65,7 @@ def step(p, s, reference, gains, estimate, error, lean, command):
     Args:
         reference: record of reference.STATE.
         gains: (9,) gains in force, see gain_schedule.
-        estimate: (10,) see frame.ESTIMATE_NAMES.
+        estimate: (10,) see robots.mbbr_frame.ESTIMATE_NAMES.
         error: (10,) out: tilt x, y, yaw, ball angle* x, y, their rates (tilt x, y, yaw, low-passed ball rate* x, y).
         lean: (4,) out: lean reference x, y and its rate x, y, yaw frame.
         command: (3,) out: body command u.

@@ -29,6 +29,10 @@ class Devices:
     port: SerialPort | None
     battery_v: float = math.nan
 
+    def read_counts(self) -> tuple:
+        """Unwrapped counts of all encoders."""
+        return tuple([encoder.read() for encoder in self.encoders])
+
     def close(self) -> None:
         """Motors first."""
         self.motors.close()

@@ -11,13 +11,13 @@ import numpy as np
 from mip_rt import config as configuration
 from mip_rt import frame
 from mip_rt.fake.world import World
-from mip_rt.robots import mbbr_setup
+from mip_rt.robots import mbbr_frame, mbbr_setup
 
 TICKS = 1500
 TOLERANCE = 1e-9
 OUTPUTS = ("estimates", "state_estimate", "state_variance", "command_feedback", "command_applied", "duty", "reference_lean_rad",
            "wheel_rate_rad_s", "error")  # fmt: skip
-INPUTS = tuple(f.name for f in frame.INPUTS) + ("imu_packet",)
+INPUTS = tuple(f.name for f in mbbr_frame.LAYOUT.input_fields) + ("imu_packet",)
 
 
 def _robot():
@@ -29,7 +29,7 @@ def simulate():
     """(TICKS,) frames of a closed loop on the simulated world, spinning and driving."""
     config, robot = _robot()
     world = World(config, 11)
-    rows = np.zeros(TICKS, frame.FRAME)
+    rows = np.zeros(TICKS, mbbr_frame.FRAME)
     robot.attach(rows)
     signs, period = np.array(config.motors.signs), 1e9 / config.motor.pwm_frequency_hz
     duty = np.zeros(3)
@@ -54,7 +54,7 @@ def replay(inputs) -> np.ndarray:
     that would blow rounding up.
     """
     _, robot = _robot()
-    rows = np.zeros(len(inputs), frame.FRAME)
+    rows = np.zeros(len(inputs), mbbr_frame.FRAME)
     for name in INPUTS:
         rows[name] = inputs[name]
     robot.attach(rows)

@@ -32,15 +32,16 @@ def _align(size: int) -> int:
     return -(-size // PAGE) * PAGE
 
 
-def header(config_text: str, extra: dict | None = None) -> dict:
+def header(layout: frame.Layout, config_text: str, extra: dict | None = None) -> dict:
     """What a log says of itself."""
     import llvmlite
 
     return {
         "mip_rt": mip_rt.__version__,
         "source_hash": compiled.source_hash(),
-        "fields": [f._asdict() for f in frame.FIELDS],
-        "row_bytes": frame.FRAME.itemsize,
+        "fields": [f._asdict() for f in layout.fields],
+        "estimate_names": layout.estimate_names,
+        "row_bytes": layout.dtype.itemsize,
         "config": config_text,
         "versions": {"numba": compiled.numba.__version__, "numpy": np.__version__, "llvmlite": llvmlite.__version__},
         "host": {"machine": platform.machine(), "system": platform.platform(), "cpu": compiled.cpu_name()},
@@ -53,31 +54,31 @@ class Ring:
     """The writing side.
 
     Attributes:
-        rows: (n,) frame.FRAME, mapped.
+        rows: (n,) records of the layout, mapped.
         buffer: the rows' bytes, for `struct.pack_into`.
         row_bytes: bytes of a row.
     """
 
-    def __init__(self, path: Path, rows: int, description: dict):
+    def __init__(self, path: Path, dtype: np.dtype, rows: int, description: dict):
         text = json.dumps(description).encode()
         counter_at = _align(PREFIX.size + len(text))
         rows_at = counter_at + PAGE
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o644)
-            os.ftruncate(handle, rows_at + rows * frame.FRAME.itemsize)
+            os.ftruncate(handle, rows_at + rows * dtype.itemsize)
         except OSError as error:
             raise LogError(
                 f"the log {path} cannot be created: {error.strerror}.", "Name another folder with --log.", "log_create"
             ) from error
         self.path = path
         self.capacity = rows
-        self.row_bytes = frame.FRAME.itemsize
+        self.row_bytes = dtype.itemsize
         self._map = mmap.mmap(handle, 0)
         os.close(handle)
         self._map[: PREFIX.size + len(text)] = PREFIX.pack(MAGIC, VERSION, len(text), counter_at, rows_at, rows) + text
         self.buffer = memoryview(self._map)[rows_at:]
-        self.rows = np.frombuffer(self._map, frame.FRAME, rows, rows_at)
+        self.rows = np.frombuffer(self._map, dtype, rows, rows_at)
         self._sequence = self.rows["sequence"]
         self._counter = np.frombuffer(self._map, "<i8", 1, counter_at)
         self.rows["sequence"] = 0  # touches every page, so that none is missing in a tick

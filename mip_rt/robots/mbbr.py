@@ -14,6 +14,7 @@ from mip_rt.compiled import njit, numba, record_array
 from mip_rt.controllers import gain_schedule, reference, state_feedback, wheel_drive
 from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf
 from mip_rt.robots import mbbr_sensors
+from mip_rt.robots.mbbr_frame import FRAME
 
 KIND_EKF = 0
 KIND_KF = 1
@@ -236,7 +237,7 @@ SIGNATURE = numba.void(
     record_array(STATE),
     record_array(ESTIMATOR_PARAMETERS),
     record_array(ESTIMATOR_STATE),
-    record_array(frame.FRAME),
+    record_array(FRAME),
     numba.int64,
 )
 
@@ -250,7 +251,7 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
         state: (1,) STATE.
         estimator_parameters: (n,) ESTIMATOR_PARAMETERS, slot 0 controls.
         estimator_states: (n,) ESTIMATOR_STATE.
-        ring: (rows,) frame.FRAME.
+        ring: (rows,) mbbr_frame.FRAME.
         index: row of this tick.
     """
     p = parameters[0]

@@ -30,7 +30,6 @@ PARAMETERS = np.dtype(
 )
 STATE = np.dtype(
     [
-        ("gyro_bias_rad_s", "f8", (3,)),
         ("attitude_rad", "f8", (3,)),  # last good one, yaw unwrapped
         ("gyro_rad_s", "f8", (3,)),
         ("acceleration_m_s2", "f8", (3,)),
@@ -92,7 +91,7 @@ def read_imu(p, s, row):
             for k in range(3):
                 force += p.mounting[i, k] * _int16(packet, 16 + 2 * k)
                 rate += p.mounting[i, k] * _int16(packet, 22 + 2 * k)
-            s.gyro_rad_s[i] = rate * p.gyro_scale_rad_s - s.gyro_bias_rad_s[i]
+            s.gyro_rad_s[i] = rate * p.gyro_scale_rad_s - row.gyro_bias_rad_s[i]
             s.acceleration_m_s2[i] = -force * p.accel_scale_m_s2
     for i in range(3):
         row.attitude_rad[i] = s.attitude_rad[i]

@@ -12,6 +12,7 @@ from mip_rt.errors import ConfigError
 from mip_rt.estimators import mbbr_ekf, mbbr_kf
 from mip_rt.models import mbbr, mbbr_linear, mbbr_yaw
 from mip_rt.robots import mbbr as robot
+from mip_rt.robots import mbbr_frame
 
 # name: (kind, DMP attitude to the controller, model variant or None for the configured one, yaw rotation)
 ESTIMATORS = {
@@ -30,12 +31,14 @@ class Robot:
     """The arrays of one MBBR and its step on them.
 
     Attributes:
+        layout: frame.Layout of its rows.
         names: estimator names by slot; the first controls.
+        gyro_bias_rad_s: the gyro's rates at rest, body axes; an input of every tick.
         parameters, state, estimator_parameters, estimator_states: the step's arrays.
     """
 
     def __init__(self, names, parameters, state, estimator_parameters, estimator_states):
-        self.names, self.controller = names, CONTROLLER
+        self.layout, self.names, self.controller = mbbr_frame.LAYOUT, names, CONTROLLER
         self.parameters, self.state = parameters, state
         self.estimator_parameters, self.estimator_states = estimator_parameters, estimator_states
         # The same memory as plain arrays: numba recognises those ten times faster than record arrays.
@@ -48,6 +51,7 @@ class Robot:
                 (estimator_states, robot.ESTIMATOR_STATE),
             )
         )
+        self.gyro_bias_rad_s = (0.0, 0.0, 0.0)
         self._rows = None
 
     def attach(self, rows) -> None:
@@ -66,9 +70,6 @@ class Robot:
         """Runs the compiled step on row `index`."""
         robot.step(*self._arguments, self._rows, index)
 
-    def set_gyro_bias(self, bias_rad_s) -> None:
-        """The gyro's rates at rest, body axes, (3,)."""
-        self.state[0].sensors.gyro_bias_rad_s[:] = bias_rad_s
 
 
 def model_parameters(config):

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from mip_rt import frame
 from mip_rt.errors import LogError
 from mip_rt.log import open as open_log
 from mip_rt.log.ring import PREFIX, Ring, header
+from mip_rt.robots.mbbr_frame import FRAME, LAYOUT
 
 
 def filled(path, ticks, rows=16):
-    ring = Ring(path, rows, header("robot: mbbr\n", {"seed": 5}))
+    ring = Ring(path, FRAME, rows, header(LAYOUT, "robot: mbbr\n", {"seed": 5}))
     for tick in range(ticks):
         index = tick % rows
         ring.begin(index)
@@ -33,8 +33,8 @@ def test_log_describes_itself(tmp_path):
     filled(tmp_path / "a.ring", 1)
     log = open_log(tmp_path / "a.ring")
     fields = {f["name"]: f for f in log.header["fields"]}
-    assert fields["battery_v"]["unit"] == "V" and set(fields) == set(frame.FRAME.names)
-    assert log.frames.dtype == frame.FRAME and len(log.header["source_hash"]) == 16
+    assert fields["battery_v"]["unit"] == "V" and set(fields) == set(FRAME.names)
+    assert log.frames.dtype == FRAME and len(log.header["source_hash"]) == 16
 
 
 def test_a_row_being_written_is_left_out(tmp_path):
@@ -80,21 +80,19 @@ def test_not_a_log(tmp_path):
 
 def test_unwritable_folder_is_a_refusal():
     with pytest.raises(LogError, match="cannot be created"):
-        Ring(__import__("pathlib").Path("/proc/nowhere/a.ring"), 4, {})
+        Ring(__import__("pathlib").Path("/proc/nowhere/a.ring"), FRAME, 4, {})
 
 
 def test_input_block_matches_the_record():
     """The loop packs the inputs in one stroke; order, types and offsets must be those of the record."""
-    import struct
-
-    values = list(range(1, 13)) + [0.5, 1.5, 2.5, 3.5, 4.5, 5.5]
-    rows = np.zeros(1, frame.FRAME)
-    struct.pack_into(frame.INPUT_FORMAT, rows.view(np.uint8), frame.INPUT_OFFSET, *values)
-    flat = np.concatenate([np.atleast_1d(rows[0][f.name]) for f in frame.INPUTS])
+    values = list(range(1, 13)) + [0.5 + i for i in range(9)]
+    rows = np.zeros(1, FRAME)
+    LAYOUT.inputs.pack_into(rows.view(np.uint8), LAYOUT.offset["tick"], *values)
+    flat = np.concatenate([np.atleast_1d(rows[0][f.name]) for f in LAYOUT.input_fields])
     assert list(flat) == values
 
 
 def test_every_field_has_unit_and_meaning():
-    for field in frame.FIELDS:
+    for field in LAYOUT.fields:
         assert field.unit and field.meaning, field.name
-    assert len({f.name for f in frame.FIELDS}) == len(frame.FIELDS)
+    assert len({f.name for f in LAYOUT.fields}) == len(LAYOUT.fields)

@@ -175,7 +175,7 @@ static int sensors(SensorsP *p, SensorsS *s, Frame *row)
         for (int i = 0; i < 3; i++) {
             double rate = 0, force = 0;
             for (int j = 0; j < 3; j++) { force += p->mounting[i][j] * i16(k + 16 + 2 * j); rate += p->mounting[i][j] * i16(k + 22 + 2 * j); }
-            s->gyro_rad_s[i] = rate * p->gyro_scale_rad_s - s->gyro_bias_rad_s[i];
+            s->gyro_rad_s[i] = rate * p->gyro_scale_rad_s - row->gyro_bias_rad_s[i];
             s->acceleration_m_s2[i] = -force * p->accel_scale_m_s2;
         }
     }
