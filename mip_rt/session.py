@@ -58,9 +58,11 @@ class Session:
         rows = round(config.log.ring_s * config.realtime.rate_hz)
         stamp = time.strftime("%Y%m%d-%H%M%S")
         name = f"mip-rt-{stamp}-{os.getpid()}.ring" if not bench else f"dry-run-{scenario_name}-seed{seed}.ring"
-        extra = {"seed": seed, "scenario": scenario_name, "estimators": self.robot.names} if bench else {"estimators": self.robot.names}
-        layout = self.robot.layout
-        self.ring = Ring(Path(log_folder) / name, layout.dtype, rows, header(layout, config.to_yaml(), extra))
+        layout, persistence = self.robot.layout, self.robot.persistence
+        extra = {"estimators": self.robot.names, "state_layout": persistence.layout}
+        if bench:
+            extra |= {"seed": seed, "scenario": scenario_name}
+        self.ring = Ring(Path(log_folder) / name, layout.dtype, rows, header(layout, config.to_yaml(), extra), persistence.size)
         self.robot.attach(self.ring.rows)
         self.robot.rehearse()
         image = (bench.image_path, bench.image_sha256) if bench else None

@@ -23,6 +23,7 @@ def header(layout: frame.Layout, config_text: str, extra: dict | None = None) ->
         "row_bytes": layout.dtype.itemsize,
         "config": config_text,
         "versions": {"numba": compiled.numba.__version__, "numpy": np.__version__, "llvmlite": llvmlite.__version__},
+        "machine_type": compiled.machine_type(),
         "host": {"machine": platform.machine(), "system": platform.platform(), "cpu": compiled.cpu_name()},
         "clock": {"monotonic_ns": time.monotonic_ns(), "realtime_ns": time.time_ns()},
         **(extra or {}),
