@@ -23,14 +23,12 @@ class Difference:
     Attributes:
         field, column: name, and index in the flattened field.
         tick: number of the tick.
-        time_s: after the log's first row.
         recorded, replayed: the two numbers.
     """
 
     field: str
     column: int
     tick: int
-    time_s: float
     recorded: float
     replayed: float
 
@@ -71,7 +69,7 @@ class Comparison:
     def __init__(self, frames, fields, exact: bool, slots=None, statistics: bool = False):
         self.exact, self.slots, self.statistics = exact, slots, statistics
         self.columns = {name: Column(self._pair(name, frames[:1], frames[:1])[0].shape[1]) for name in fields}
-        self._frames, self._begin_ns, self._scales = frames, int(frames["edge_ns"][0]), {}
+        self._frames, self._scales = frames, {}
         self.first, self.rows, self.state_ticks = None, 0, []
 
     def take(self, recorded, replayed) -> None:
@@ -110,9 +108,8 @@ class Comparison:
         if column.first is None and rows.any():
             row = int(rows.argmax())
             index = int(wrong[row].argmax())
-            tick, time_s = int(recorded["tick"][row]), (int(recorded["edge_ns"][row]) - self._begin_ns) * 1e-9
-            column.first = Difference(name, index, tick, time_s, a[row, index].item(), b[row, index].item())
-            if self.first is None or tick < self.first.tick:
+            column.first = Difference(name, index, int(recorded["tick"][row]), a[row, index].item(), b[row, index].item())
+            if self.first is None or column.first.tick < self.first.tick:
                 self.first = column.first
 
     def _pair(self, name, recorded, replayed):

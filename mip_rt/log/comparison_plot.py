@@ -16,7 +16,8 @@ class Traces:
 
     def __init__(self, rerun):
         names = rerun.layout.estimate_names
-        self.shadows = [name for name in rerun.names if name not in rerun.recorded_names]
+        self.control = rerun.names[0]
+        self.shadows = [name for name in rerun.names[1:] if name not in rerun.recorded_names]
         self._slots = [rerun.names.index(name) for name in self.shadows]
         wanted = [("estimates", i) for i, name in enumerate(names) if name.startswith(("roll_rad", "pitch_rad", "ball_rate", "wheel_rate"))]
         for field in ("command_feedback", "command_applied", "duty"):
@@ -25,11 +26,11 @@ class Traces:
         self.panels = wanted[:PANELS]
         self.units = {f.name: f.unit for f in rerun.layout.fields}
         self.labels = [names[i] if field == "estimates" else f"{field}[{i}] ({self.units[field]})" for field, i in self.panels]
-        self._edges, self._values = [], []
+        self._rerun, self._ticks, self._values = rerun, [], []
 
     def take(self, recorded, replayed) -> None:
         """Keeps the columns of these rows."""
-        self._edges.append(recorded["edge_ns"].copy())
+        self._ticks.append(recorded["tick"].copy())
         kept = []
         for field, i in self.panels:
             if field == "estimates":
@@ -39,12 +40,12 @@ class Traces:
         self._values.append([[values.copy() for values in panel] for panel in kept])
 
     def series(self):
-        """(times in s, for each panel a list of arrays: recorded, replayed, new shadows)."""
-        edges = np.concatenate(self._edges)
+        """(seconds since the loop's first tick, for each panel a list of arrays: recorded, replayed, new shadows)."""
         joined = [
             [np.concatenate([batch[p][k] for batch in self._values]) for k in range(len(self._values[0][p]))] for p in range(len(self.panels))
         ]
-        return (edges - edges[0]) * 1e-9, joined
+        rows = np.searchsorted(self._rerun.log.frames["tick"], np.concatenate(self._ticks))
+        return self._rerun.times_s[rows], joined
 
 
 def draw(path, traces: Traces, title: str) -> None:
@@ -65,7 +66,7 @@ def draw(path, traces: Traces, title: str) -> None:
     for (left, right), label, series in zip(axes, traces.labels, panels):
         recorded, replayed, *shadows = series
         left.plot(times, recorded, color="0.7", linewidth=2.5, label="recorded")
-        left.plot(times, replayed, color="C0", linewidth=0.9, label="replayed")
+        left.plot(times, replayed, color="C0", linewidth=0.9, label=f"replayed ({traces.control})")
         for number, (name, values) in enumerate(zip(traces.shadows, shadows)):
             left.plot(times, values, color=f"C{number + 1}", linewidth=0.8, label=name)
             right.plot(times, values - recorded, color=f"C{number + 1}", linewidth=0.8)
@@ -77,7 +78,7 @@ def draw(path, traces: Traces, title: str) -> None:
     axes[0, 1].set_title("minus recorded", fontsize=9)
     axes[0, 0].legend(fontsize=7, ncols=4)
     for axis in axes[-1]:
-        axis.set_xlabel("time after the first replayed tick (s)")
+        axis.set_xlabel("time since the loop's first tick (s)")
     try:
         figure.savefig(path, dpi=110)
     except (OSError, ValueError) as error:

@@ -27,10 +27,13 @@ def add_arguments(parser) -> None:
     )
     changes.add_argument("--config", metavar="FILE", help="this configuration in place of the log's")
     changes.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change one value of the configuration; repeatable")
-    changes.add_argument("--estimator", metavar="NAME", help="the estimator in control")
-    changes.add_argument("--shadow", metavar="NAME", action="append", default=[], help="estimators beside it, in place of the log's; repeatable")
-    parser.add_argument("--from", dest="begin", metavar="S|TICK", help="first tick compared; 1200 is a tick, 6.5s a time after the log's first row")
-    parser.add_argument("--to", dest="end", metavar="S|TICK", help="first tick no longer compared")
+    changes.add_argument("--estimator", metavar="NAME", help="the estimator in control; the log's others become shadows")
+    changes.add_argument("--shadow", metavar="NAME", action="append", default=[],
+                         help="estimators beside it, in place of the log's; repeatable")  # fmt: skip
+    parser.add_argument("--from", dest="begin", metavar="S|tTICK",
+                        help="first tick that counts: 6.5 is seconds since the loop's first tick, t1300 is a tick; the replay resumes at the "
+                        "last state row before it")  # fmt: skip
+    parser.add_argument("--to", dest="end", metavar="S|tTICK", help="first tick that no longer counts, likewise")
     parser.add_argument("--compare", action="store_true", help="print recorded against replayed: RMS and largest difference of each column")
     parser.add_argument("--plot", metavar="FILE", type=Path, help="draw recorded against replayed into a PNG, PDF or SVG file (needs matplotlib)")
     parser.add_argument("--json", action="store_true", help="print the result as one JSON object, and nothing else, on standard output")
@@ -45,13 +48,12 @@ def run(arguments) -> int:
     from mip_rt import log as logs
     from mip_rt.log.comparison import Comparison
     from mip_rt.log.comparison_plot import Traces, draw
-    from mip_rt.log.rerun import Rerun, tick_of
+    from mip_rt.log.rerun import Rerun
 
     log = logs.open(arguments.log, check=False)  # a damaged row is replayed, too: the replay says which field is wrong
-    config, overrides = _changes(arguments)
+    config, overrides = _changes(arguments, log)
     asserted = not (arguments.force or config or overrides)
-    limits = tuple(None if text is None else tick_of(text, log) for text in (arguments.begin, arguments.end))
-    rerun = Rerun(log, overrides, config, asserted, limits)
+    rerun = Rerun(log, overrides, config, asserted, (arguments.begin, arguments.end))
     slots = None if rerun.names == rerun.recorded_names else rerun.recorded_slots
     comparison = Comparison(log.frames, rerun.outputs, not rerun.other_machine, slots, arguments.compare)
     traces = Traces(rerun) if arguments.plot else None
@@ -59,20 +61,22 @@ def run(arguments) -> int:
     _compare(rerun, comparison, traces)
     report = _report(rerun, comparison, asserted, time.perf_counter() - begin_s, arguments.compare)
     if traces:
-        draw(arguments.plot, traces, report["log"])
+        draw(arguments.plot, traces, log.path.name)
     print(json.dumps(report) if arguments.json else render(report))
     return 0 if report["equal"] or not asserted else 1
 
 
-def _changes(arguments):
+def _changes(arguments, log):
     """(configuration in place of the log's or None, changes to the log's)."""
     from mip_rt import config as configuration
 
     overrides = dict(configuration.parse_override(text) for text in arguments.set)
+    shadows = arguments.shadow
     if arguments.estimator:
         overrides["estimator.control"] = arguments.estimator
-    if arguments.shadow:
-        overrides["estimator.shadows"] = f"[{', '.join(arguments.shadow)}]"
+        shadows = shadows or [name for name in log.header["estimators"] if name != arguments.estimator]
+    if shadows:
+        overrides["estimator.shadows"] = f"[{', '.join(shadows)}]"
     return (configuration.load(arguments.config, overrides) if arguments.config else None), overrides
 
 
@@ -117,11 +121,7 @@ def label(rerun, field: str, column: int) -> str:
         slot, number = divmod(column, len(names)) if field == "estimates" else (column, None)
         slot = rerun.names[slot] if slot < len(rerun.names) else slot
         return f"{field}[{slot}]" + (f".{names[number]}" if number is not None else "")
-    place, index = [], column
-    for size in reversed(shape):
-        index, at = divmod(index, size)
-        place.insert(0, str(at))
-    return f"{field}[{', '.join(place)}]"
+    return f"{field}[{column}]"
 
 
 def _number(value):
@@ -148,7 +148,7 @@ def _report(rerun, comparison, asserted: bool, seconds: float, columns: bool) ->
         "bit_for_bit": comparison.exact,
         "first_difference": first and {
             "tick": first.tick,
-            "time_s": round(first.time_s, 6),
+            "time_s": round(float(rerun.times_s[frames["tick"].searchsorted(first.tick)]), 6),
             "field": label(rerun, first.field, first.column),
             "recorded": _number(first.recorded),
             "replayed": _number(first.replayed),
@@ -223,8 +223,9 @@ def _differences(report: dict):
         yield f"equal {how}"
     else:
         if first:
-            yield (f"{'NOT EQUAL' if report['asserted'] else 'differs'} {how}: first at tick {first['tick']} ({first['time_s']:.3f} s) in "
-                   f"{first['field']}: recorded {first['recorded']!r}, replayed {first['replayed']!r}")  # fmt: skip
+            words = f"NOT EQUAL {how}: first" if report["asserted"] else "first difference"
+            yield (f"{words} at tick {first['tick']} ({first['time_s']:.3f} s) in {first['field']}: "
+                   f"recorded {first['recorded']!r}, replayed {first['replayed']!r}")  # fmt: skip
         if report["state_rows_differing"]:
             yield f"NOT EQUAL: the state after tick {report['state_rows_differing'][0]} is not that of the log's state row"
     if "columns" in report:
@@ -237,4 +238,4 @@ def _differences(report: dict):
         f = fields[name]
         yield f"  {name:<26} {f['ticks']:>8} ticks  largest difference {float(f['largest_difference']):.3g}, relative {float(f['relative']):.1e}"
     if len(fields) > LISTED:
-        yield f"  and {len(fields) - LISTED} more fields: --compare shows all"
+        yield f"  and {len(fields) - LISTED} more fields: --json names all"

@@ -11,7 +11,7 @@ import numpy as np
 
 from mip_rt import compiled
 from mip_rt import config as configuration
-from mip_rt.errors import LogError
+from mip_rt.errors import ConfigError, LogError
 from mip_rt.robots import mbbr_setup
 
 BATCH = 4096  # rows replayed at a time
@@ -38,9 +38,8 @@ class Rerun:
         log: what `mip_rt.log.open` returns.
         overrides: dotted key to value, applied to the log's configuration.
         config: a configuration to use in place of the log's (overrides included).
-        asserted: the replay is to be equal. Otherwise it begins with a fresh state where no state row fits, and takes zero for inputs
-            that the log lacks.
-        limits: (first tick, first tick no longer) that count; None for all.
+        asserted: the replay is to be equal. Otherwise it begins with a fresh state where no state row fits.
+        limits: (first tick, first tick no longer) that count, as `tick_of` understands them; None for all.
 
     Attributes:
         robot: the rebuilt robot.
@@ -69,16 +68,18 @@ class Rerun:
             config = configuration.loads(log.config, f"the configuration in {log.path}", overrides)
         self.robot = mbbr_setup.build(config)
         self.names, self.recorded_names = list(self.robot.names), list(header.get("estimators", self.robot.names))
+        self._own_slots = [self.recorded_names.index(name) if name in self.recorded_names else None for name in self.names]
         self.layout = self.robot.layout
         self.dt_s = 1.0 / config.realtime.rate_hz
         here, there = compiled.machine_type(), header.get("machine_type", {})
         self.other_machine = {item: (there.get(item), value) for item, value in here.items() if there.get(item) != value}
         self.other_sources = header["source_hash"] != compiled.source_hash()
         self.recorded_command = bool(self.other_machine) or not asserted
-        self._check_layout(asserted)
-        self._fresh = self.robot.persistence.kept()
+        self._check_layout()
+        self._fresh = self.robot.persistence.present()
         fits = header.get("state_layout") == self.robot.persistence.layout
         self.states = log.states if fits else {}
+        self.times_s = times_s(frames, self.dt_s)
         self.first, self.last = self._rows(limits)
         self.cold_ticks, self.skipped, self.spans = [], 0, []
         self._find_spans(not asserted)
@@ -88,23 +89,20 @@ class Rerun:
                 "Use --force to start with a fresh state.", "replay_no_state",
             )  # fmt: skip
 
-    def _check_layout(self, asserted: bool) -> None:
+    def _check_layout(self) -> None:
         recorded, own = self.log.frames.dtype, self.layout.dtype
         for name in set(recorded.names) & set(own.names):
             if recorded[name] != own[name]:
                 raise LogError(f"the log's field {name} is {recorded[name]}, this robot's {own[name]}.", "Name the robot's own log.", "replay_layout")
         self.missing = [name for name in self.layout.step_inputs if name not in recorded.names]
-        if asserted and self.missing:
-            raise LogError(
-                f"the log lacks {', '.join(self.missing)}, which this program's step reads.",
-                "Use the program that recorded it, or --force to take zero.", "replay_layout",
-            )  # fmt: skip
         self.outputs = [name for name in self.layout.step_outputs if name in recorded.names]
+        if self.names[0] != self.recorded_names[0]:  # these are of the estimator in control: another one means something else by them
+            self.outputs = [name for name in self.outputs if name not in ("state_estimate", "state_variance", "innovation")]
 
     def _rows(self, limits):
-        """Range of rows from tick limits[0] up to and without tick limits[1]."""
+        """Range of rows from the first limit up to and without the second."""
         ticks = self.log.frames["tick"]
-        low, high = limits
+        low, high = (None if text is None else tick_of(text, ticks, self.times_s) for text in limits)
         first = 0 if low is None else int(np.searchsorted(ticks, low))
         last = len(ticks) if high is None else int(np.searchsorted(ticks, high))
         if first >= last:
@@ -142,7 +140,7 @@ class Rerun:
     @property
     def recorded_slots(self) -> list[int]:
         """The recorded slot that each replayed estimator is compared with: its own, or the one in control where it was not there."""
-        return [self.recorded_names.index(name) if name in self.recorded_names else 0 for name in self.names]
+        return [slot or 0 for slot in self._own_slots]
 
     @property
     def count(self) -> int:
@@ -160,7 +158,10 @@ class Rerun:
         robot.attach(work)
         inputs = [name for name in self.layout.step_inputs if name not in self.missing]
         for span in self.spans:
-            robot.persistence.restore(self._fresh if span.state is None else span.state)
+            if span.state is None:
+                robot.persistence.restore(self._fresh)
+            else:
+                robot.persistence.restore(span.state, self._own_slots)
             command = None
             for begin in range(span.begin, span.end, BATCH):
                 recorded = frames[begin : min(begin + BATCH, span.end)]
@@ -180,7 +181,7 @@ class Rerun:
         step, states, persistence, differing = self.robot.step, self.states, self.robot.persistence, []
         for index, tick in enumerate(ticks.tolist()):
             step(index)
-            if tick in states and states[tick] != persistence.kept():
+            if tick in states and states[tick] != persistence.present():
                 differing.append(tick)
         return differing
 
@@ -196,20 +197,24 @@ class Rerun:
         return before
 
 
-def tick_of(text: str, log) -> int:
-    """The tick that `--from` or `--to` names: a whole number is a tick, a number followed by s is seconds after the log's first row.
+def times_s(frames, dt_s: float):
+    """(n,) seconds since the loop's first tick, by the IMU's edges; where the log begins later, its first tick tells how much."""
+    return (frames["edge_ns"] - frames["edge_ns"][0]) * 1e-9 + int(frames["tick"][0]) * dt_s
+
+
+def tick_of(text: str, ticks, times_s) -> int:
+    """The tick that `--from` or `--to` names: t1200 is a tick, a plain number is seconds since the loop's first tick.
 
     Raises:
-        LogError: it is neither.
+        ConfigError: it is neither.
     """
     try:
-        if not text.endswith("s"):
-            return int(text)
-        seconds = float(text[:-1])
+        if text.startswith("t"):
+            return int(text[1:])
+        seconds = float(text)
         if math.isfinite(seconds):
-            edges = log.frames["edge_ns"]
-            row = int(np.searchsorted(edges - edges[0], round(seconds * 1e9)))
-            return int(log.frames["tick"][row]) if row < len(edges) else int(log.frames["tick"][-1]) + 1
+            row = int(np.searchsorted(times_s, seconds - 1e-9))
+            return int(ticks[row]) if row < len(ticks) else int(ticks[-1]) + 1
     except ValueError:
         pass
-    raise LogError(f"{text!r} is neither a tick nor a time.", "Write 1200 for a tick, 6.5s for a time after the log's first row.", "arguments")
+    raise ConfigError(f"{text!r} is neither a time nor a tick.", "Write 6.5 for seconds, t1300 for a tick.", "arguments")

@@ -57,8 +57,10 @@ ESTIMATOR_PARAMETERS = np.dtype(
     align=True,
 )
 ESTIMATOR_STATE = np.dtype([("ball_angle_rad", "f8", (2,)), ("filter", ekf.STATE)], align=True)
-# Bytes of an estimator's record that the next tick reads; what follows is scratch.
-ESTIMATOR_PERSISTENT = ESTIMATOR_STATE.fields["filter"][1] + ekf.PERSISTENT
+# Bytes of an estimator's record that the next tick reads (what follows is scratch), and those of them that hold the estimate.
+_FILTER = ESTIMATOR_STATE.fields["filter"][1]
+ESTIMATOR_PERSISTENT = _FILTER + ekf.PERSISTENT
+ESTIMATE_BYTES = slice(_FILTER + ekf.STATE.fields["x"][1], _FILTER + ekf.STATE.fields["P"][1])
 
 GYRO_BITS = 0b00000111
 ENCODER_BITS = 0b00111000

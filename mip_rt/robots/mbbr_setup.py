@@ -55,9 +55,7 @@ class Robot:
             )
         )
         self.command_in_force = np.asarray(state["applied"])[0]
-        self.persistence = Persistence(
-            ("robot", state, robot.STATE.itemsize), ("estimator", estimator_states, robot.ESTIMATOR_PERSISTENT)
-        )
+        self.persistence = Persistence(state, estimator_states, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES)
         self.gyro_bias_rad_s = (0.0, 0.0, 0.0)
         self._rows = None
 
