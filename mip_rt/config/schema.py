@@ -114,6 +114,8 @@ MBBR = {
         "control": Choice("dmp_ekf", "Estimator that controls.", choices=published.ESTIMATORS),
         "shadows": Several(("ekf", "kf", "dmp_kf"), "Estimators that run beside it and are logged.",
                            item=Choice("", "", choices=published.ESTIMATORS), most=7),
+        "odometry": Choice("encoders", "Ball position: from encoders and gyro, or by integrating the filter's ball rate as in T.",
+                           choices=("encoders", "filter")),
         "noise_set": Choice("driving", "Process noise in use.", choices=tuple(published.PROCESS_NOISE)),
         "process_noise": {
             name: numbers(values, f"Variance a 5 ms step: q1=q2, q3, q4=q5, q6=q7, q8, q9=q10, q11=q12=q13 ({source}).", 7, low=0, high=1e6)

@@ -151,6 +151,7 @@ def build(config, shadows=None) -> Robot:
     p = parameters[0]
     p.dt_s, p.tip_rad = dt_s, config.limits.tip_rad
     p.nominal_voltage_v = config.motor.nominal_voltage_v
+    p.odometry = 1 if config.estimator.odometry == "encoders" else 0
     p.battery_pole = pole_from_rate(BATTERY_SMOOTHING_RAD_S, dt_s)
     _configure_sensors(p.sensors, config, dt_s)
     _configure_control(p, config, dt_s)
