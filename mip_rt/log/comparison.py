@@ -91,7 +91,8 @@ class Comparison:
         with np.errstate(invalid="ignore"):
             gap = np.where(finite, np.abs(x - y), np.where(same | (x == y) | (np.isnan(x) & np.isnan(y)), 0.0, math.inf))
         for i, values in enumerate((x, y, x - y)):
-            column.squares[i] += (np.where(finite, values, 0.0) ** 2).sum(axis=0)
+            with np.errstate(over="ignore"):  # a flipped exponent makes any number
+                column.squares[i] += (np.where(finite, values, 0.0) ** 2).sum(axis=0)
         at = gap.argmax(axis=0)
         peak = gap[at, np.arange(gap.shape[1])]
         higher = peak > column.largest

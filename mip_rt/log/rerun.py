@@ -73,7 +73,7 @@ class Rerun:
         self.dt_s = 1.0 / config.realtime.rate_hz
         here, there = compiled.machine_type(), header.get("machine_type", {})
         self.other_machine = {item: (there.get(item), value) for item, value in here.items() if there.get(item) != value}
-        self.other_sources = header["source_hash"] != compiled.source_hash()
+        self.other_sources = header.get("source_hash") != compiled.source_hash()
         self.recorded_command = bool(self.other_machine) or not asserted
         self._check_layout()
         self._fresh = self.robot.persistence.present()

@@ -74,8 +74,9 @@ def states_before(log, ticks) -> dict[int, bytes]:
 
 def encode(log, ticks, states) -> bytes:
     """A recorded file of these ticks (a set) with a state row before each stretch of them."""
-    # The header of every run differs by its clocks; an excerpt has no date.
-    description = {**log.header, "clock": {"monotonic_ns": 0, "realtime_ns": 0}}
+    # An excerpt has no date, and belongs to no one's computer.
+    description = {key: value for key, value in log.header.items() if key not in ("recording", "host", "run")}
+    description["clock"] = {"monotonic_ns": 0, "realtime_ns": 0}
     parts = [block_format.pack_json(Kind.HEADER, description, 0, 9)]
     ordered = np.array(sorted(ticks))
     for stretch in np.split(ordered, np.flatnonzero(np.diff(ordered) != 1) + 1):

@@ -49,7 +49,7 @@ def flipped(path, folder, tick, field, byte, bit):
 @pytest.mark.parametrize("scenario", sorted(scenarios.shipped()))
 def test_every_shipped_scenario_replays_bit_for_bit(tmp_path, scenario):
     """Anything that the step depends on and the log lacks shows here."""
-    path = recorded(tmp_path, scenario, log__ring_s="100")
+    path = recorded(tmp_path, scenario, min(30.0, scenarios.load(scenario).duration_s), log__ring_s="31")
     log = logs.open(path)
     rerun, comparison = replay(log)
     assert not rerun.other_machine and not rerun.other_sources and log.damage == []
@@ -121,9 +121,9 @@ def test_one_flipped_bit_of_a_sensor_is_named(short, tmp_path, capsys, field, by
 
 
 def test_a_flipped_bit_of_any_output_is_named(short):
-    """Whatever field, tick and bit: 300 random ones, each found where it is."""
+    """Whatever field, tick and bit: 150 random ones, each found where it is."""
     log, random = logs.open(short), np.random.default_rng(4)
-    for _ in range(300):
+    for _ in range(150):
         frames = log.frames.copy()
         row, name = int(random.integers(len(frames))), str(random.choice(LAYOUT.step_outputs))
         raw = frames[name][row : row + 1].view(np.uint64).reshape(-1)
@@ -170,14 +170,6 @@ def test_another_type_of_machine_compares_to_1e_9_of_each_column(turned, elsewhe
         frames = log.frames.copy()
         frames["duty"][500, 0] = value
         assert not replay(replace(log, frames=frames))[1].equal
-
-
-def test_a_wrong_command_in_force_does_not_grow_elsewhere(turned, elsewhere):
-    """Open loop: without a plant, a computed command that differs by rounding would run away within seconds."""
-    log = logs.open(turned)
-    rerun, comparison = replay(log)
-    rerun.robot.persistence.restore(min(rerun.spans, key=lambda span: span.begin).state)
-    assert comparison.relative("command_applied") < 1e-9
 
 
 def test_other_sources_are_told_and_still_asserted(short, monkeypatch, capsys):
