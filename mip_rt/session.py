@@ -62,7 +62,13 @@ class Session:
         rows = round(config.log.ring_s * config.realtime.rate_hz)
         stamp = f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
         name = f"dry-run-{scenario_name}-seed{seed}" if bench else f"mip-rt-{stamp}"
-        extra = {"estimators": self.robot.names, "codes": codes(), "calibration": {"gyro_bias_rad_s": self.robot.gyro_bias_rad_s}}
+        layout, persistence = self.robot.layout, self.robot.persistence
+        extra = {
+            "estimators": self.robot.names,
+            "state_layout": persistence.layout,
+            "codes": codes(),
+            "calibration": {"gyro_bias_rad_s": self.robot.gyro_bias_rad_s},
+        }
         if bench:
             extra |= {"seed": seed, "scenario": scenario_name}
         recording = None
@@ -70,11 +76,10 @@ class Session:
             run_folder = f"{name}-{stamp}" if bench else name
             recording = recorder_process.settings(config.log, record_folder, run_folder, config.realtime.rate_hz)
             extra["recording"] = recording
-        layout = self.robot.layout
         description = header(layout, config.to_yaml(), extra, self.kernel.monotonic_ns())
         if not bench:
             remove_old_rings(Path(log_folder), "mip-rt-*.ring")
-        self.ring = Ring(Path(log_folder) / f"{name}.ring", layout.dtype, rows, description)
+        self.ring = Ring(Path(log_folder) / f"{name}.ring", layout.dtype, rows, description, persistence.size)
         self.recorder = recorder_process.RecorderProcess(self.ring, recording)
         self.robot.attach(self.ring.rows)
         self.robot.rehearse()

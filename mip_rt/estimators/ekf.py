@@ -53,6 +53,7 @@ STATE = np.dtype(
         ("rejected", "i8", (MEASUREMENTS,)),  # innovations refused since the last reset, by measurement
         ("refused_in_a_row", "i8", (MEASUREMENTS,)),
         ("status", "i8"),
+        # From here on scratch: nothing of it outlives a step, but for places that are written with the same number in each.
         ("A", "f8", (ROW, ROW)),  # df/dx, only its structural entries are ever written
         ("H", "f8", (MEASUREMENTS, ROW)),  # dh/dx, likewise
         ("h", "f8", (MEASUREMENTS,)),
@@ -63,6 +64,7 @@ STATE = np.dtype(
     ],
     align=True,
 )
+PERSISTENT = STATE.fields["A"][1]  # bytes at the beginning of the record that the next step reads
 
 NOISE = np.dtype(
     [

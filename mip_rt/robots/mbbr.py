@@ -58,7 +58,11 @@ ESTIMATOR_PARAMETERS = np.dtype(
     ],
     align=True,
 )
-ESTIMATOR_STATE = np.dtype([("filter", ekf.STATE), ("ball_angle_rad", "f8", (2,))], align=True)
+ESTIMATOR_STATE = np.dtype([("ball_angle_rad", "f8", (2,)), ("filter", ekf.STATE)], align=True)
+# Bytes of an estimator's record that the next tick reads (what follows is scratch), and those of them that hold the estimate.
+_FILTER = ESTIMATOR_STATE.fields["filter"][1]
+ESTIMATOR_PERSISTENT = _FILTER + ekf.PERSISTENT
+ESTIMATE_BYTES = slice(_FILTER + ekf.STATE.fields["x"][1], _FILTER + ekf.STATE.fields["P"][1])
 
 GYRO_BITS = 0b00000111
 ENCODER_BITS = 0b00111000
@@ -228,7 +232,21 @@ def _control(p, s, row):
 
 @njit
 def _rest(row):
-    """Outputs of a tick without control: zero commands."""
+    """Outputs of a tick without control: zero commands, and zero wherever nothing is estimated or wanted.
+
+    Every output is written in every tick: a row of the ring still holds what was true one turn of the ring ago.
+    """
+    for i in range(16):
+        row.state_estimate[i] = 0.0
+        row.state_variance[i] = 0.0
+    for i in range(8):
+        row.innovation[i] = 0.0
+    for i in range(gain_schedule.GAINS):
+        row.gains[i] = 0.0
+    for i in range(2):
+        row.reference_velocity_rad_s[i] = 0.0
+        row.reference_angle_rad[i] = 0.0
+        row.reference_yaw_rad[i] = 0.0
     for i in range(10):
         row.error[i] = 0.0
     for i in range(4):

@@ -116,10 +116,11 @@ def test_cost_is_that_of_c(recorded, tmp_path):
         theirs = [array.copy() for array in arrays]
         pointers = [twin.pointer(array) for array in theirs]
         ep = ctypes.c_void_p(pointers[2].value + mbbr.ESTIMATOR_PARAMETERS.fields["ekf"][1])
+        es = ctypes.c_void_p(pointers[3].value + mbbr.ESTIMATOR_STATE.fields["filter"][1])
         cycles = {
             "ekf": (
                 lambda: many_ekf_steps(arrays[2], arrays[3], u, y, n),
-                lambda: library.many_ekf_steps(ep, pointers[3], twin.pointer(u), twin.pointer(y), ctypes.c_long(n)),
+                lambda: library.many_ekf_steps(ep, es, twin.pointer(u), twin.pointer(y), ctypes.c_long(n)),
             ),
             "step": (
                 lambda: many_robot_steps(*arrays, rows, COUNT, n),

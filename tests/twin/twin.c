@@ -167,7 +167,7 @@ static int sensors(SensorsP *p, SensorsS *s, Frame *row)
     }
     if (fresh) {
         w /= norm; x /= norm; y /= norm; z /= norm;
-        row->quaternion[0] = w; row->quaternion[1] = x; row->quaternion[2] = y; row->quaternion[3] = z;
+        s->quaternion[0] = w; s->quaternion[1] = x; s->quaternion[2] = y; s->quaternion[3] = z;
         s->attitude_rad[0] = atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y));
         s->attitude_rad[1] = asin(fmin(1.0, fmax(-1.0, 2.0 * (w * y - z * x))));
         double turn = atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)) - s->attitude_rad[2];
@@ -179,6 +179,7 @@ static int sensors(SensorsP *p, SensorsS *s, Frame *row)
             s->acceleration_m_s2[i] = -force * p->accel_scale_m_s2;
         }
     }
+    memcpy(row->quaternion, s->quaternion, sizeof row->quaternion);
     for (int i = 0; i < 3; i++) { row->attitude_rad[i] = s->attitude_rad[i]; row->gyro_rad_s[i] = s->gyro_rad_s[i]; row->acceleration_m_s2[i] = s->acceleration_m_s2[i]; }
     int steady = 1;
     for (int i = 0; i < 3; i++) {
