@@ -134,7 +134,7 @@ class Session:
             self.refusals = failing_checks(
                 self.calibration, self.devices, self.config.battery.minimum_v, self._rate_hz(tick), self.config.realtime.rate_hz
             )
-            self.supervisor.why_not_armed = self.refusals
+            self.supervisor.refusals = sum(refusal.check.bit for refusal in self.refusals)
 
     def _rate_hz(self, tick: int) -> float:
         """Interrupt rate over the last 200 ticks; the wanted rate before there are that many."""
