@@ -59,6 +59,8 @@ class Session:
         stamp = time.strftime("%Y%m%d-%H%M%S")
         name = f"mip-rt-{stamp}-{os.getpid()}.ring" if not bench else f"dry-run-{scenario_name}-seed{seed}.ring"
         extra = {"seed": seed, "scenario": scenario_name, "estimators": self.robot.names} if bench else {"estimators": self.robot.names}
+        if bench and bench.kernel.entrance is not None and remote_device == bench.remote.device:
+            extra["remote_entrance"] = str(bench.kernel.entrance.path)
         layout = self.robot.layout
         self.ring = Ring(Path(log_folder) / name, layout.dtype, rows, header(layout, config.to_yaml(), extra))
         self.robot.attach(self.ring.rows)
