@@ -25,6 +25,7 @@ class Verb(NamedTuple):
 
 VERBS = {
     "config": Verb("mip_rt.config.commands", "check, show, template or document the configuration", "mip-rt config check --config my.yaml"),
+    "monitor": Verb("mip_rt.monitor.commands", "watch a running loop: terminal, JSON lines or web page", "mip-rt monitor --web"),
     "warm-up": Verb("mip_rt.warm_up", "compile everything and keep it", "mip-rt warm-up"),
     "bench": Verb("mip_rt.lab.bench", "measure costs, estimators, robustness", "mip-rt bench steps"),
 }

@@ -42,6 +42,7 @@ def run(arguments) -> int:
         raise ConfigError("--speed max needs --dry-run.", "A robot runs in real time.", "arguments")
 
     from mip_rt import session as runner
+    from mip_rt.log.folders import temporary_log_folder
 
     stop = runner.install_signals()
     real_time = arguments.speed == "real"
@@ -54,7 +55,7 @@ def run(arguments) -> int:
         if arguments.remote is None:
             remote = bench.remote.device
     try:
-        folder = arguments.log or (runner.temporary_log_folder() if bench else config.log.folder)
+        folder = arguments.log or (temporary_log_folder() if bench else config.log.folder)
         name = scenario.name if scenario else ""
         session = runner.Session(config, bench, folder, remote, arguments.seed, name)
         if not arguments.json:

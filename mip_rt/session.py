@@ -8,7 +8,6 @@ import math
 import os
 import signal
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -210,8 +209,3 @@ def install_signals() -> Stop:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, stop)
     return stop
-
-
-def temporary_log_folder() -> Path:
-    """Where a dry run's log goes when nobody says."""
-    return Path(tempfile.gettempdir()) / "mip-rt"
