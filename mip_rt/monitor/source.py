@@ -65,7 +65,8 @@ class Source:
             if live.runs != self.runs:
                 self.runs, self.path = live.runs, live.path
                 self.view = View(live.header, live.dtype)
-                self._next = max(0, live.counter - self.view.kept)
+                self._next = 0
+            self._next = max(self._next, live.counter - self.view.kept)  # whoever was away gets a gap, not a backlog
             rows = live.since(self._next)
             if live.runs == self.runs:
                 break

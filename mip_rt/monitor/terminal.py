@@ -114,7 +114,7 @@ def _motion(source, shown, columns):
     yield PLAIN, f"  {sparkline(history_deg, min(columns, WIDTH) - 16, top)} 0..{top:g} deg"
     position = shown.get("position_m")
     where = f"   position {position[0] or 0.0:+.2f} {position[1] or 0.0:+.2f} m" if position else ""
-    yield PLAIN, f"yaw      {_degrees(yaw)} deg   rate {_or_dash((shown['yaw_rate_rad_s'] or 0.0) / 2 / math.pi, '+.2f')} Hz{where}"
+    yield PLAIN, f"yaw      {_degrees(math.remainder(yaw or 0.0, 2.0 * math.pi))} deg   rate {_or_dash((shown['yaw_rate_rad_s'] or 0.0) / 2 / math.pi, '+.2f')} Hz{where}"
     drive = shown["velocity_command_m_s"]
     spin_hz = (shown["yaw_rate_command_rad_s"] or 0.0) / 2 / math.pi
     heard = "never heard" if shown["remote_age_s"] is None else f"heard {shown['remote_age_s']:.2f} s ago"
@@ -125,10 +125,10 @@ def _motion(source, shown, columns):
 
 
 def _timing(shown):
-    yield DIM, "latency, microseconds  " + "".join(f"{stage.replace('edge_to_write', 'edge to write'):>13}" for stage in STAGES[:-1]) + "    all"
+    yield DIM, "latency, microseconds  " + "".join(f"{stage:>11}" for stage in STAGES[:-1]) + "        all"
     for name in ("p50", "p99", "max"):
-        yield PLAIN, f"  {name:<21}" + "".join(f"{shown['latency_us'][stage][name]:>13.0f}" for stage in STAGES[:-1]) \
-            + f"{shown['latency_us'][STAGES[-1]][name]:>7.0f}"  # fmt: skip
+        yield PLAIN, f"  {name:<21}" + "".join(f"{shown['latency_us'][stage][name]:>11.0f}" for stage in STAGES[:-1]) \
+            + f"{shown['latency_us'][STAGES[-1]][name]:>11.0f}"  # fmt: skip
     yield PLAIN, ""
 
 

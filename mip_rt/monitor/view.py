@@ -127,10 +127,13 @@ class View:
         }
 
     def pose(self) -> dict:
-        """Attitude (roll, pitch, yaw) and, where the estimates tell it, the position on the floor."""
+        """Attitude (roll, pitch, yaw), wheel angles and, where the estimates tell it, the position on the floor."""
         row = self.row
         attitude = [self._column(row, name, i) for i, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad"))]
-        pose = {"attitude_rad": [number(angle) for angle in attitude]}
+        pose = {
+            "attitude_rad": [number(angle) for angle in attitude],
+            "wheel_angle_rad": [number(angle) for angle in row["wheel_angle_rad"]],
+        }
         if "ball_angle_x_rad" in self._estimate:
             angle_x, angle_y = (row["estimates"][0, self._estimate[f"ball_angle_{axis}_rad"]] for axis in "xy")
             radius_m = self.config["model"]["ball_radius_m"]
