@@ -18,7 +18,7 @@ const PRESETS = {
   "wheel rates": ["wheel_rate_rad_s[0]", "wheel_rate_rad_s[1]", "wheel_rate_rad_s[2]"],
   "battery": ["battery_v"],
 };
-const FIRST = ["attitude_rad[0]", "attitude_rad[1]", "duty[0]", "duty[1]", "duty[2]"];
+const FIRST = ["attitude_rad[0]", "attitude_rad[1]", "gyro_rad_s[0]", "gyro_rad_s[1]", "gyro_rad_s[2]", "duty[0]", "duty[1]", "duty[2]"];
 
 const part = (id) => document.getElementById(id);
 const degrees = (angle) => (angle * 180) / Math.PI;
@@ -30,6 +30,7 @@ const histogram = new Histogram(part("histogram"), part("stage"), part("stages")
 const pad = new Pad(part("pad"));
 let known = null; // label -> unit, of the present run
 let present = null; // the present run
+let live = "live"; // what is said of a connection that works
 const plots = new Plots(part("panels"), (labels) => {
   localStorage.setItem(KEPT, JSON.stringify(labels));
   stream.ask(labels);
@@ -65,7 +66,7 @@ function onRun(run) {
   }));
   part("preset").replaceChildren(new Option("choose", ""), ...Object.keys(PRESETS).filter((name) => PRESETS[name].some((label) => known.has(label)))
     .map((name) => new Option(name, name)));
-  if (restarted) onLink("live", `the loop was restarted at ${new Date().toLocaleTimeString()}`);
+  live = restarted ? `live, the loop was restarted at ${new Date().toLocaleTimeString()}` : "live";
   const wanted = plots.labels.length ? plots.labels : kept();
   if (wanted.join() !== plots.labels.join() || wanted.some((label) => !known.has(label))) choose(wanted);
 }
@@ -93,10 +94,12 @@ function onView(view) {
   document.querySelectorAll("#tiles, #view").forEach((element) => element.classList.toggle("stale", silent));
   if (silent) {
     onLink("lost", "the loop has stopped");
+    pad.giveBack();
     showState("STOPPED", `No rows for ${view.silent_s.toFixed(0)} s; the last state was ${view.state}. A new run is shown as soon as it starts.`);
   } else {
-    if (part("link").dataset.kind !== "live") onLink("live", "live");
-    showState(view.state, view.hint);
+    onLink("live", live);
+    const since = view.state_s === null ? "for more than 10 s" : `for ${view.state_s.toFixed(0)} s`;
+    showState(view.state, view.hint || since);
   }
   put("tilt", fixed(view.tilt_rad === null ? null : degrees(view.tilt_rad), 1));
   put("tilt-max", fixed(view.tilt_max_rad === null ? null : degrees(view.tilt_max_rad), 1));

@@ -155,21 +155,25 @@ export class Pad {
     const [x, y] = this.stick;
     const headingReset = this.headingReset;
     this.headingReset = false;
-    await this.post("/pad", { x, y, button: this.level.button, heading_reset: headingReset });
+    const taken = await this.post("/pad", { x, y, button: this.level.button, heading_reset: headingReset });
     this.busy = false;
+    if (!taken) this.giveBack();
   }
 
   hand(act) {
     return this.drivable ? this.post("/hand", { act }) : undefined;
   }
 
+  /** Sends a command; whether it was taken. */
   async post(path, command) {
     const note = this.part("pad-note");
     try {
       const answer = await fetch(path, { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify(command) });
       note.textContent = answer.ok ? "" : await answer.text();
+      return answer.ok;
     } catch {
       note.textContent = "mip-rt monitor does not answer";
+      return false;
     }
   }
 }

@@ -4,7 +4,7 @@ import { colour, Drawing, ticks } from "./canvas.js";
 
 const LONGEST_S = 30;
 const COLOURS = 6;
-const DASHES = [[], [7, 4], [2, 3]]; // beyond the sixth series, and for eyes that do not tell the colours
+const DASHES = [[], [7, 4], [2, 3]]; // beyond the sixth series of a panel
 const MARGIN = { left: 58, right: 10, top: 8, bottom: 20 };
 
 export class Plots {
@@ -32,8 +32,11 @@ export class Plots {
 
   /** Shows these series: label -> unit. */
   choose(chosen) {
-    this.series = new Map([...chosen].map(([label, unit], i) => [label, { unit, values: [], style: { colour: `series-${i % COLOURS}`,
-      dash: DASHES[Math.floor(i / COLOURS) % DASHES.length] } }]));
+    const used = {}; // styles so far in each panel
+    this.series = new Map([...chosen].map(([label, unit]) => {
+      const i = used[unit] = (used[unit] ?? -1) + 1;
+      return [label, { unit, values: [], style: { colour: `series-${i % COLOURS}`, dash: DASHES[Math.floor(i / COLOURS) % DASHES.length] } }];
+    }));
     this.times = [];
     this.arrange();
     this.changed(this.labels);

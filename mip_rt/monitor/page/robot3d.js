@@ -135,7 +135,7 @@ export class RobotView {
 
   // The remote's "forward" is the floor's x, whatever the robot's heading: a compass in the corner says which way that is.
   paintCompass(context, width, height, right, up) {
-    const length = 34, middle = [width - 62, height - 48];
+    const length = 34, middle = [width - 100, height - 44];
     context.font = "12px system-ui, 'DejaVu Sans', sans-serif";
     context.textAlign = "center";
     context.textBaseline = "middle";
@@ -154,7 +154,8 @@ export class RobotView {
         context.lineTo(tip[0] + 8 * Math.cos(back + side), tip[1] + 8 * Math.sin(back + side));
       }
       context.stroke();
-      context.fillText(label, middle[0] + 1.1 * (tip[0] - middle[0]), tip[1] + (dy > 0.25 ? 12 : -11));
+      context.textAlign = dx < -0.3 ? "right" : dx > 0.3 ? "left" : "center";
+      context.fillText(label, tip[0] + 8 * Math.sign(Math.round(2 * dx)), tip[1] + (Math.abs(dx) > 0.3 ? 0 : dy > 0 ? 11 : -11));
     }
   }
 
