@@ -4,7 +4,6 @@ The file is read with `pread`, which sees what the loop's mapping holds but, unl
 of a bus error where a new run truncates the file under us. Nothing is written and nothing is locked; nothing happens between calls.
 """
 
-import json
 import os
 import time
 from pathlib import Path
@@ -12,7 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from mip_rt.errors import LogError
-from mip_rt.log import ring
+from mip_rt.log import ring_format
+from mip_rt.log.reader import record_type
+from mip_rt.log.ring_format import MAGIC, PREFIX, START, VERSION, Counter
 
 PATTERN = "*.ring"
 LOOK_AROUND_S = 0.5  # between looks into the folder for a newer ring
@@ -38,7 +39,7 @@ class LiveRing:
 
     Attributes:
         path: the ring file being read.
-        header: what it says of itself (`log.ring.header`).
+        header: what it says of itself (`log.description.header`).
         dtype: record type of its rows.
         capacity: rows that the ring holds.
         counter: ticks committed when last looked.
@@ -73,6 +74,11 @@ class LiveRing:
     def quiet_s(self) -> float:
         """Seconds since a row was last seen to arrive; infinity where the newest row is of before the machine's last start."""
         return time.monotonic() - self._moved_s
+
+    @property
+    def finished(self) -> bool:
+        """The loop ended in an orderly way: no further row will come into this ring."""
+        return self._number(Counter.FINISHED) == 1
 
     def refresh(self) -> bool:
         """Looks whether rows arrived or the loop was restarted; True for a restart. The other methods call this."""
@@ -141,27 +147,25 @@ class LiveRing:
             raise LogError(f"{path} cannot be opened: {error.strerror}.", "Name the .ring file that mip-rt prints.", "log_absent") from error
         try:
             status = os.fstat(handle)
-            text = os.pread(handle, ring.PREFIX.size, 0)
-            if len(text) < ring.PREFIX.size or text[:8] != ring.MAGIC:
+            text = os.pread(handle, PREFIX.size, 0)
+            if len(text) < PREFIX.size or text[:8] != MAGIC:
                 raise LogError(f"{path} is not a ring.", "Name the .ring file that mip-rt prints.", "log_magic")
-            _, version, text_bytes, counter_at, rows_at, rows = ring.PREFIX.unpack(text)
-            if version != ring.VERSION:
-                raise LogError(f"{path} is of log version {version}, this program reads {ring.VERSION}.", code="log_version")
-            text += os.pread(handle, text_bytes, ring.PREFIX.size)
-            try:
-                header = json.loads(text[ring.PREFIX.size :])
-                dtype = np.dtype([(f["name"], f["dtype"], tuple(f["shape"])) for f in header["fields"]], align=True)
-            except (ValueError, KeyError, TypeError) as error:
-                raise LogError(f"the header of {path} is damaged: {error}.", code="log_header") from error
-            if dtype.itemsize != header.get("row_bytes") or rows <= 0:
-                raise LogError(f"the header of {path} is damaged: field table and row size disagree.", code="log_header")
+            _, version, text_bytes = START.unpack_from(text)
+            if version != VERSION:
+                raise LogError(f"{path} is a ring of version {version}, this program follows {VERSION}.", code="log_version")
+            text += os.pread(handle, text_bytes, PREFIX.size)
+            found = ring_format.unpack_header(text)
+            if found is None:
+                raise LogError(f"the header of {path} is damaged.", "Read it with mip-rt log info: it has a copy.", "log_header")
+            geometry, header = found
+            dtype = record_type(header)
         except LogError:
             os.close(handle)
             raise
         self.close()
         self._handle, self._identity, self._text = handle, (status.st_dev, status.st_ino), text
-        self._counter_at, self._rows_at = counter_at, rows_at
-        self.path, self.header, self.dtype, self.capacity = path, header, dtype, rows
+        self._geometry = geometry
+        self.path, self.header, self.dtype, self.capacity = path, header, dtype, geometry.rows
         self.runs += 1
         self.counter = self._read_counter()
         self._moved_s = self._last_sign_s()
@@ -199,8 +203,11 @@ class LiveRing:
         return clock * 1e-9 if clock * 1e-9 <= now else -np.inf
 
     def _read_counter(self) -> int:
-        return int.from_bytes(os.pread(self._handle, 8, self._counter_at), "little")
+        return self._number(Counter.COMMITTED)
+
+    def _number(self, which: Counter) -> int:
+        return int.from_bytes(os.pread(self._handle, 8, self._geometry.counters_at + 8 * which), "little")
 
     def _read_rows(self, index: int, count: int) -> bytes:
         size = self.dtype.itemsize
-        return os.pread(self._handle, count * size, self._rows_at + index * size)
+        return os.pread(self._handle, count * size, self._geometry.rows_at + index * size)

@@ -122,12 +122,11 @@ def test_the_newest_ring_of_a_folder_is_found_and_a_newer_one_followed(tmp_path)
 
 def test_quiet_time_tells_a_dead_loop_at_once(tmp_path):
     """Attaching to a loop that died a minute ago must not look like attaching to a live one."""
-    ring = make(tmp_path / "a.ring")
+    ring = make(tmp_path / "a.ring", clock={"monotonic_ns": 0, "realtime_ns": 0})
     write(ring, 0, 5)
     with LiveRing(tmp_path / "a.ring") as live:
         assert live.quiet_s < 5.0
     ring.rows["edge_ns"] -= 60_000_000_000
-    ring._map[:] = ring._map[:].replace(b'"monotonic_ns": ', b'"monotonic_nz": ')
     with LiveRing(tmp_path / "a.ring") as live:
         assert 59.0 < live.quiet_s < 100.0
         write(ring, 5, 6)
@@ -158,4 +157,13 @@ def test_a_killed_process_can_be_attached_to(tmp_path):
     root = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
     subprocess.run([sys.executable, "-c", code, str(tmp_path / "a.ring")], cwd=root, check=False)
     with LiveRing(tmp_path) as live:
-        assert live.newest()["tick"] == 11
+        assert live.newest()["tick"] == 11 and not live.finished
+
+
+def test_an_orderly_end_is_told_from_a_death(tmp_path):
+    ring = make(tmp_path / "a.ring")
+    write(ring, 0, 3)
+    with LiveRing(tmp_path / "a.ring") as live:
+        assert not live.finished
+        ring.close()
+        assert live.finished and live.newest()["tick"] == 2
