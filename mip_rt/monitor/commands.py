@@ -26,7 +26,7 @@ def run(arguments) -> int:
     Raises:
         MipRtError: what was named is no ring, or the port is taken.
     """
-    rate_hz = arguments.rate or (30.0 if arguments.web else 10.0)
+    rate_hz = arguments.rate if arguments.rate is not None else 30.0 if arguments.web else 10.0
     if not 0.1 <= rate_hz <= 200.0:
         raise ConfigError(f"--rate {rate_hz:g} is not a useful rate.", "Give 0.1 to 200.", "arguments")
     os.nice(NICENESS)
@@ -67,7 +67,7 @@ def _json_lines(source, rate_hz: float) -> None:
     for _ in _every(1.0 / rate_hz):
         source.poll()
         if source.view is not None and source.view.row is not None:
-            about = {"run": source.runs, "log": str(source.path), "silent_s": round(source.silent_s, 1)}
+            about = {"run": source.runs, "log": str(source.path), "silence": source.silence}
             print(json.dumps({**about, **source.view.show()}), flush=True)
 
 

@@ -1,12 +1,13 @@
 """Where a monitor's rows come from: the newest ring of the usual places, or of the one that was named, over restarts of the loop."""
 
+import math
 from pathlib import Path
 
 from mip_rt.errors import LogError
 from mip_rt.log.live import LiveRing, newest_ring
 from mip_rt.monitor.view import View
 
-SILENT_S = 1.0  # without a row for so long, the loop has stopped
+SILENT_S = 1.0  # without a row for so long, something is wrong with the loop
 
 
 def usual_folders() -> list[Path]:
@@ -22,8 +23,8 @@ class Source:
     """Follows a loop.
 
     Args:
-        where: a ring file, a folder, or None for the usual places. A file that is its folder's newest ring stands for the folder: after a
-            restart the loop writes another.
+        where: a ring file; a folder, in which a ring may appear later; or None for the usual places. A file that is its folder's newest
+            ring stands for the folder: after a restart the loop writes another.
 
     Attributes:
         view: view.View of the present run; None before there is one.
@@ -32,16 +33,16 @@ class Source:
         trouble: why there is nothing to show, "" where there is.
 
     Raises:
-        LogError: a path was named, and nothing is there.
+        LogError: a file was named that is no ring.
     """
 
     def __init__(self, where=None):
         if where is None:
             where = usual_folders()
-        else:
+        elif not Path(where).is_dir():
             where = Path(where)
             LiveRing(where).close()  # whoever names a ring wants to hear at once that it is none
-            if not where.is_dir() and newest_ring(where.parent) == where:
+            if newest_ring(where.parent) == where:
                 where = where.parent
         self._where = where
         self._live = None
@@ -76,10 +77,13 @@ class Source:
         return rows
 
     @property
-    def silent_s(self) -> float:
-        """Seconds since the last row; 0 while the loop runs."""
-        quiet_s = self._live.quiet_s if self._live is not None else 0.0
-        return quiet_s if quiet_s > SILENT_S else 0.0
+    def silence(self) -> str:
+        """What to say of a loop from which no rows come any more; "" while it runs."""
+        live = self._live
+        if live is None or not (live.finished or live.quiet_s > SILENT_S):
+            return ""
+        since = f"{live.quiet_s:.0f} s" if math.isfinite(live.quiet_s) else "a long time"
+        return f"the loop ended {since} ago" if live.finished else f"no rows for {since}: the loop hangs or was killed"
 
     def close(self) -> None:
         """Lets go of the ring."""

@@ -55,8 +55,8 @@ def one_line(source) -> str:
         f"{shown['time_s']:9.1f} s  {shown['state']:<11} tilt {math.degrees(shown['tilt_rad'] or 0.0):4.1f} deg  "
         f"{_or_dash(shown['rate_hz'], '.1f')} Hz  {_or_dash(shown['battery_v'], '.2f')} V"
     )
-    if source.silent_s:
-        text += f"  no rows for {source.silent_s:.0f} s"
+    if source.silence:
+        text += f"  {source.silence}"
     elif shown["hint"]:
         text += f"  {shown['hint']}"
     if shown["fault"] and shown["fault"]["active"]:
@@ -90,8 +90,8 @@ def _head(source, shown):
     restarts = f"   the loop was restarted {source.runs - 1} x" if source.runs > 1 else ""
     since = f"for {shown['state_s']:.0f} s" if shown["state_s"] is not None else ""
     status = f" {shown['state']:<11}"
-    if source.silent_s:
-        second = (STATE_COLOURS["FAULT"], f"{status} no rows for {source.silent_s:.0f} s: the loop has stopped")
+    if source.silence:
+        second = (STATE_COLOURS["FAULT"], f"{status} {source.silence}")
     else:
         second = (STATE_COLOURS.get(shown["state"], BOLD), f"{status} {since:<11}{shown['hint']}")
     return [
@@ -193,7 +193,8 @@ class Screen:
     def draw(self, made) -> None:
         """Shows a page in one write."""
         plain = "NO_COLOR" in os.environ
-        text = "\r\n".join(f"{line}\x1b[K" if plain or code == PLAIN else f"\x1b[{code}m{line}\x1b[0m\x1b[K" for code, line in made)
+        # A line is cleared before it is written: after a full one, the cursor still stands on its last character.
+        text = "\r\n".join(f"\x1b[K{line}" if plain or code == PLAIN else f"\x1b[K\x1b[{code}m{line}\x1b[0m" for code, line in made)
         self._write(f"\x1b[H{text}\x1b[J")
 
     def key(self, timeout_s: float) -> str:

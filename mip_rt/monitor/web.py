@@ -196,11 +196,11 @@ class Handler(BaseHTTPRequestHandler):
             else:
                 shown = view.show()
                 latency = shown.pop("latency_us")
-                self._event("view", {**shown, "silent_s": number(source.silent_s, 1), "samples": samples(view, rows, known, asked)})
+                self._event("view", {**shown, "silence": source.silence, "samples": samples(view, rows, known, asked)})
                 if due_s >= latency_due_s:
                     latency_due_s = due_s + LATENCY_EVERY_S
                     self._event("latency", {"stages": latency, "counts": view.histograms()})
-            idle = view is None or view.row is None or source.silent_s
+            idle = view is None or view.row is None or source.silence
             due_s = max(due_s + (0.5 if idle else period_s), time.monotonic())
             time.sleep(max(0.0, due_s - time.monotonic()))
 

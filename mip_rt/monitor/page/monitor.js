@@ -90,12 +90,11 @@ function showState(name, hint) {
 }
 
 function onView(view) {
-  const silent = view.silent_s > 0;
-  document.querySelectorAll("#tiles, #view").forEach((element) => element.classList.toggle("stale", silent));
-  if (silent) {
+  document.querySelectorAll("#tiles, #view").forEach((element) => element.classList.toggle("stale", view.silence !== ""));
+  if (view.silence) {
     onLink("lost", "the loop has stopped");
     pad.giveBack();
-    showState("STOPPED", `No rows for ${view.silent_s.toFixed(0)} s; the last state was ${view.state}. A new run is shown as soon as it starts.`);
+    showState("STOPPED", `${view.silence}. Its last state was ${view.state}. A new run is shown as soon as it starts.`);
   } else {
     onLink("live", live);
     const since = view.state_s === null ? "for more than 10 s" : `for ${view.state_s.toFixed(0)} s`;
