@@ -7,7 +7,6 @@ asserted and the differences are shown.
 
 import json
 import math
-import sys
 import time
 from pathlib import Path
 
@@ -21,9 +20,9 @@ def add_arguments(parser) -> None:
     parser.add_argument("--force", action="store_true", help="changed code: assert nothing, show how much each field differs")
     changes = parser.add_argument_group(
         "what would it have done",
-        "These change the robot and assert nothing. Sensors and remote are the recorded ones, and the estimators are told the recorded "
-        "command, since that is what moved the robot: what comes out is how the changed estimators would have seen this run, and what the "
-        "changed controller would have asked for at each of its moments; not how the robot would have moved.",
+        "These change the robot and assert nothing. Sensors and remote are the recorded ones, and the estimators are told the\n"
+        "recorded command, since that is what moved the robot: what comes out is how the changed estimators would have seen\n"
+        "this run, and what the changed controller would have asked for at each of its moments; not how the robot would have moved.",
     )
     changes.add_argument("--config", metavar="FILE", help="this configuration in place of the log's")
     changes.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change one value of the configuration; repeatable")

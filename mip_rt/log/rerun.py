@@ -71,8 +71,11 @@ class Rerun:
         self._own_slots = [self.recorded_names.index(name) if name in self.recorded_names else None for name in self.names]
         self.layout = self.robot.layout
         self.dt_s = 1.0 / config.realtime.rate_hz
-        here, there = compiled.machine_type(), header.get("machine_type", {})
-        self.other_machine = {item: (there.get(item), value) for item, value in here.items() if there.get(item) != value}
+        here, there = compiled.machine_type(), header.get("machine_type")
+        if there is None:
+            self.other_machine = {"machine": ("unknown", here["machine"])}
+        else:
+            self.other_machine = {item: (there.get(item), value) for item, value in here.items() if there.get(item) != value}
         self.other_sources = header.get("source_hash") != compiled.source_hash()
         self.recorded_command = bool(self.other_machine) or not asserted
         self._check_layout()
