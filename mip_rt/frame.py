@@ -20,22 +20,23 @@ ESTIMATORS = 8  # slots: the first estimator controls, the others run in shadow
 REQUEST_ENGAGED = 1  # estimate and control; otherwise estimators wait, reset to the measured attitude
 REQUEST_HEADING_RESET = 2  # the present heading becomes "forward"
 
-# frame.limits: what was limited, replaced or refused in this tick.
-LIMITS = {
-    "imu_missing": 1 << 0,  # no usable packet: measurement masked, last attitude kept
-    "innovation_rejected": 1 << 1,  # a measurement failed its gate
-    "not_finite": 1 << 2,  # a number was not finite and was replaced or masked
-    "estimator_reset": 1 << 3,  # the controlling estimator was unhealthy and was reset
-    "lean_limited": 1 << 4,  # the lean reference was at its limit
-    "wheel_saturated": 1 << 5,  # a wheel command beyond full voltage was clipped
-    "coast_saturated": 1 << 6,  # the drive/coast inverse asked for more current than the battery gives at this speed
-    "tipped": 1 << 7,  # lean beyond limits.tip_rad
-    "battery_unknown": 1 << 8,  # no plausible battery reading: nominal voltage assumed
-    "encoder_jump": 1 << 9,  # a wheel moved further in one tick than it can
-    "covariance_bounded": 1 << 10,  # the variance of an unobservable state was held at its limit
-    "remote_lost": 1 << 11,  # no valid frame within the time limit: commands are ramped to zero
-    "duty_refused": 1 << 12,  # a non-finite duty was replaced by zero
+# frame.limits: what was limited, replaced or refused in this tick; bit i is the i-th entry, so new ones go to the end.
+LIMIT_SENTENCES = {
+    "imu_missing": "no usable packet: measurement masked, last attitude kept",
+    "innovation_rejected": "a measurement failed its gate",
+    "not_finite": "a number was not finite and was replaced or masked",
+    "estimator_reset": "the controlling estimator was unhealthy and was reset",
+    "lean_limited": "the lean reference was at its limit",
+    "wheel_saturated": "a wheel command beyond full voltage was clipped",
+    "coast_saturated": "the drive/coast inverse asked for more current than the battery gives at this speed",
+    "tipped": "the robot leans beyond limits.tip_rad",
+    "battery_unknown": "no plausible battery reading: nominal voltage assumed",
+    "encoder_jump": "a wheel moved further in one tick than it can",
+    "covariance_bounded": "the variance of an unobservable state was held at its limit",
+    "remote_lost": "no valid frame within the time limit: commands are ramped to zero",
+    "duty_refused": "a non-finite duty was replaced by zero",
 }
+LIMITS = {name: 1 << i for i, name in enumerate(LIMIT_SENTENCES)}
 for _name, _bit in LIMITS.items():
     globals()[f"LIMIT_{_name.upper()}"] = _bit
 LOOP_LIMITS = LIMITS["remote_lost"]  # bits that the loop adds after the step; all others are the step's
@@ -61,6 +62,7 @@ def inputs(wheels: int) -> tuple[Field, ...]:
         Field("missed", "<i8", (), "1", "interrupts that came and went without a tick since the previous row"),
         Field("state", "<i8", (), "1", "supervisor state in force during this tick"),
         Field("request", "<i8", (), "bits", "what the supervisor asks of the step (REQUEST_*)"),
+        Field("refusals", "<i8", (), "bits", "pre-arm checks that fail at present (prearm.CHECKS)"),
         Field("imu_status", "<i8", (), "bits", "result of reading the IMU (IMU_*)"),
         Field("imu_backlog", "<i8", (), "1", "packets that were waiting beside the newest"),
         Field("encoder_count", "<i8", (wheels,), "1", "unwrapped eQEP counts by motor, before sign and scale"),

@@ -67,7 +67,7 @@ class Loop:
         read_ns = kernel.monotonic_ns()
         self._inputs.pack_into(
             buffer, base + at["tick"],
-            tick, edge[0], wake_ns, read_ns, edge[2] - 1, supervisor.state, supervisor.request, status,
+            tick, edge[0], wake_ns, read_ns, edge[2] - 1, supervisor.state, supervisor.request, supervisor.refusals, status,
             devices.imu.backlog, *counts, devices.battery_v, remote.velocity_x_m_s,
             remote.velocity_y_m_s, remote.yaw_rate_rad_s, remote.age_s, *self.robot.gyro_bias_rad_s, supervisor.drive_scale,
         )  # fmt: skip

@@ -42,6 +42,7 @@ def run(arguments) -> int:
         raise ConfigError("--speed max needs --dry-run.", "A robot runs in real time.", "arguments")
 
     from mip_rt import session as runner
+    from mip_rt.log.folders import temporary_log_folder
 
     stop = runner.install_signals()
     real_time = arguments.speed == "real"
@@ -55,7 +56,7 @@ def run(arguments) -> int:
             remote = bench.remote.device
     try:
         # On the robot the ring stays in memory, whatever the recorder's folder: a mapped file on a disk makes the loop wait for it.
-        folder = (arguments.log or runner.temporary_log_folder()) if bench else config.log.folder
+        folder = (arguments.log or temporary_log_folder()) if bench else config.log.folder
         record_folder = arguments.log or (None if bench else config.log.record_folder)
         name = scenario.name if scenario else ""
         session = runner.Session(

@@ -8,7 +8,6 @@ import math
 import os
 import signal
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -71,6 +70,8 @@ class Session:
         }
         if bench:
             extra |= {"seed": seed, "scenario": scenario_name}
+            if bench.kernel.entrance is not None and remote_device == bench.remote.device:
+                extra["remote_entrance"] = str(bench.kernel.entrance.path)
         recording = None
         if record_folder is not None:
             run_folder = f"{name}-{stamp}" if bench else name
@@ -178,7 +179,7 @@ class Session:
             self.refusals = failing_checks(
                 self.calibration, self.devices, self.config.battery.minimum_v, self._rate_hz(tick), self.config.realtime.rate_hz
             )
-            self.supervisor.why_not_armed = self.refusals
+            self.supervisor.refusals = sum(refusal.check.bit for refusal in self.refusals)
 
     def _rate_hz(self, tick: int) -> float:
         """Interrupt rate over the last 200 ticks; the wanted rate before there are that many."""
@@ -264,8 +265,3 @@ def install_signals() -> Stop:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, stop)
     return stop
-
-
-def temporary_log_folder() -> Path:
-    """Where a dry run's log goes when nobody says."""
-    return Path(tempfile.gettempdir()) / "mip-rt"
