@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from mip_rt import optional
 from mip_rt.errors import LogError
 
 PANELS = 6
@@ -52,15 +53,11 @@ def draw(path, traces: Traces, title: str) -> None:
     """Writes the page.
 
     Raises:
-        LogError: matplotlib is missing, or the file cannot be written.
+        PackageMissing: matplotlib is not installed.
+        LogError: the file cannot be written.
     """
-    try:
-        import matplotlib
-
-        matplotlib.use("Agg")
-        from matplotlib import pyplot
-    except ImportError as error:
-        raise LogError("plots need matplotlib.", "Install the extra: pip install 'mip-rt[lab]'.", "matplotlib_missing") from error
+    optional.load("matplotlib", "lab", "The plot").use("Agg")
+    pyplot = optional.load("matplotlib.pyplot", "lab", "The plot")
     times, panels = traces.series()
     figure, axes = pyplot.subplots(len(panels), 2, figsize=(14, 2.2 * len(panels)), sharex=True, squeeze=False, layout="constrained")
     for (left, right), label, series in zip(axes, traces.labels, panels):

@@ -12,6 +12,7 @@ import numpy as np
 from mip_rt import compiled
 from mip_rt import config as configuration
 from mip_rt.errors import ConfigError, LogError
+from mip_rt.log.selection import seconds
 from mip_rt.robots import mbbr_setup
 
 BATCH = 4096  # rows replayed at a time
@@ -50,6 +51,7 @@ class Rerun:
         other_machine: {item: (recorded, here)} of what makes this another type of machine; empty on the same.
         other_sources: True where the log was written by other sources.
         missing: fields that this program's step reads and the log does not have; zero is taken.
+        states: {tick: state row} of those that fit; times_s: (rows of the log,) seconds since the loop's first tick.
         spans: list of Span.
         cold_ticks: first ticks of spans that begin with a fresh state although the log does not.
         skipped: rows between the wanted limits that cannot be replayed.
@@ -82,7 +84,7 @@ class Rerun:
         self._fresh = self.robot.persistence.present()
         fits = header.get("state_layout") == self.robot.persistence.layout
         self.states = log.states if fits else {}
-        self.times_s = times_s(frames, self.dt_s)
+        self.times_s = seconds(log)
         self.first, self.last = self._rows(limits)
         self.cold_ticks, self.skipped, self.spans = [], 0, []
         self._find_spans(not asserted)
@@ -200,11 +202,6 @@ class Rerun:
         return before
 
 
-def times_s(frames, dt_s: float):
-    """(n,) seconds since the loop's first tick, by the IMU's edges; where the log begins later, its first tick tells how much."""
-    return (frames["edge_ns"] - frames["edge_ns"][0]) * 1e-9 + int(frames["tick"][0]) * dt_s
-
-
 def tick_of(text: str, ticks, times_s) -> int:
     """The tick that `--from` or `--to` names: t1200 is a tick, a plain number is seconds since the loop's first tick.
 
@@ -214,9 +211,9 @@ def tick_of(text: str, ticks, times_s) -> int:
     try:
         if text.startswith("t"):
             return int(text[1:])
-        seconds = float(text)
-        if math.isfinite(seconds):
-            row = int(np.searchsorted(times_s, seconds - 1e-9))
+        time_s = float(text)
+        if math.isfinite(time_s):
+            row = int(np.searchsorted(times_s, time_s - 1e-9))
             return int(ticks[row]) if row < len(ticks) else int(ticks[-1]) + 1
     except ValueError:
         pass
