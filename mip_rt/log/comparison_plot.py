@@ -6,6 +6,7 @@ from mip_rt import optional
 from mip_rt.errors import LogError
 
 PANELS = 6
+DRAWN = ("roll_rad", "pitch_rad", "ball_rate", "phi_rate")  # beginnings of the estimates' names
 
 
 class Traces:
@@ -20,7 +21,7 @@ class Traces:
         self.control = rerun.names[0]
         self.shadows = [name for name in rerun.names[1:] if name not in rerun.recorded_names]
         self._slots = [rerun.names.index(name) for name in self.shadows]
-        wanted = [("estimates", i) for i, name in enumerate(names) if name.startswith(("roll_rad", "pitch_rad", "ball_rate", "wheel_rate"))]
+        wanted = [("estimates", i) for i, name in enumerate(names) if name.startswith(DRAWN)]
         for field in ("command_feedback", "command_applied", "duty"):
             if field in rerun.outputs:
                 wanted.append((field, 0))
