@@ -75,7 +75,7 @@ def _changes(arguments, log):
     shadows = arguments.shadow
     if arguments.estimator:
         overrides["estimator.control"] = arguments.estimator
-        shadows = shadows or [name for name in log.header["estimators"] if name != arguments.estimator]
+        shadows = shadows or [name for name in log.header.get("estimators", ()) if name != arguments.estimator]
     if shadows:
         overrides["estimator.shadows"] = f"[{', '.join(shadows)}]"
     return (configuration.load(arguments.config, overrides) if arguments.config else None), overrides

@@ -64,7 +64,8 @@ class Rerun:
     def __init__(self, log, overrides=None, config=None, asserted: bool = True, limits=(None, None)):
         header, frames = log.header, log.frames
         if not len(frames):
-            raise LogError(f"{log.path} holds no complete tick.", "Name another log.", "replay_empty")
+            damage = "".join(f" {sentence}." for sentence in log.damage)
+            raise LogError(f"{log.path} holds no complete tick.{damage}", "Name another log.", "replay_empty")
         self.log = log
         if config is None:
             config = configuration.loads(log.config, f"the configuration in {log.path}", overrides)
