@@ -4,9 +4,9 @@ import numpy as np
 
 from mip_rt.frame import LIMITS
 from mip_rt.hardware import imu_status
+from mip_rt.summary import STAGES
 from mip_rt.supervisor import FAULT_BY_NUMBER, State
 
-STAGES = ("wake", "read", "step", "write", "edge_to_write")
 IMU_BITS = {name[4:].lower(): bit for name, bit in vars(imu_status).items() if name.startswith("IMU_") and bit != imu_status.IMU_OK}
 BEFORE_S = 1.0  # what "before a fault" means
 
