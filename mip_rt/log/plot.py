@@ -43,8 +43,9 @@ def run(arguments) -> int:
 
 def _look_at_the_fault(arguments, log, times_s) -> None:
     from mip_rt.log import events
+    from mip_rt.log.codes import Codes
 
-    rows = events.fault_rows(log.frames)
+    rows = events.fault_rows(log.frames, Codes(log.header))
     if rows:
         arguments.begin_s = times_s[rows[-1]] - BEFORE_FAULT_S
         arguments.end_s = times_s[rows[-1]] + AFTER_FAULT_S

@@ -6,7 +6,7 @@ import sys
 import time
 
 from mip_rt.errors import LogError
-from mip_rt.log.selection import usual_folders
+from mip_rt.log.folders import usual_folders
 
 SILENT_S = 1.0  # without a row for so long, the loop has stopped
 EVERY_ROW_S = 0.05  # between looks at the ring where every row is wanted
@@ -80,10 +80,11 @@ class _Printer:
     """Lines of one run."""
 
     def __init__(self, live, fields: str | None, as_json: bool):
+        from mip_rt.log.codes import Codes
         from mip_rt.log.columns import pick_groups
         from mip_rt.log.configuration import value
 
-        self.header, self.as_json = live.header, as_json
+        self.codes, self.as_json = Codes(live.header), as_json
         self.columns = [c for group in pick_groups(live.header, fields) for c in group] if fields else None
         rate_hz = float(value(live.header.get("config", ""), "realtime.rate_hz", 200.0))
         rows = live.since(0)
@@ -101,7 +102,7 @@ class _Printer:
             self.origin_ns = int(newest["edge_ns"][0])
         time_s = round((int(newest["edge_ns"][0]) - self.origin_ns) * 1e-9, 6)
         if self.columns is None:
-            usual = _usual(rows, time_s)
+            usual = _usual(rows, time_s, self.codes)
             return json.dumps(usual) if self.as_json else _usual_text(usual)
         values = {c.name: c.of(newest)[0].tobytes().hex() if c.is_bytes else c.of(newest)[0].item() for c in self.columns}
         if self.as_json:
@@ -113,18 +114,16 @@ def _json(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _usual(rows, time_s: float) -> dict:
+def _usual(rows, time_s: float, codes) -> dict:
     """What one wants to know at a glance, of fields that every robot has."""
-    from mip_rt.log.events import limits, state_name
-    from mip_rt.supervisor import FAULT_BY_NUMBER
+    from mip_rt.log.events import limits
 
     row = rows[-1]
-    fault = FAULT_BY_NUMBER.get(int(row["fault"]))
     return {
         "tick": int(row["tick"]),
         "time_s": time_s,
-        "state": state_name(int(row["state"])),
-        "fault": fault.code if fault else str(int(row["fault"])),
+        "state": codes.state(row["state"]),
+        "fault": codes.fault(row["fault"]),
         "lean_rad": _json(round(math.hypot(row["attitude_rad"][0], row["attitude_rad"][1]), 6)),
         "yaw_rate_rad_s": _json(round(float(row["gyro_rad_s"][2]), 6)),
         "battery_v": _json(round(float(row["battery_v"]), 4)),
@@ -132,7 +131,7 @@ def _usual(rows, time_s: float) -> dict:
         "duty": [_json(round(float(d), 4)) for d in row["duty"]],
         "slowest_us": round(int((rows["write_ns"] - rows["edge_ns"]).max()) / 1000.0, 1),
         "missed": int(rows["missed"].sum()),
-        "limits": list(limits(rows)),
+        "limits": list(limits(rows, codes)),
     }
 
 

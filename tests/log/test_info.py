@@ -118,9 +118,10 @@ def test_command_line(fallen, capsys, make_log, rows):
 
 
 def test_the_newest_log_is_taken_when_none_is_named(fallen, make_log, rows, monkeypatch, capsys, tmp_path):
-    from mip_rt.log import selection
+    from mip_rt.log import folders
 
-    monkeypatch.setattr(selection, "usual_folders", lambda: [tmp_path])
+    monkeypatch.setattr(folders, "usual_folders", lambda: [tmp_path])
+    monkeypatch.setattr(folders, "usual_record_folder", lambda: tmp_path / "recorded")
     assert cli.main(["log", "info"]) == 3 and "there is no log in" in capsys.readouterr().err
     make_log(rows(3), name="new")
     assert cli.main(["log", "info", "--json"]) == 0 and json.loads(capsys.readouterr().out)["log"].endswith("new.ring")

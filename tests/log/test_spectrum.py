@@ -8,6 +8,7 @@ import pytest
 
 from mip_rt import cli
 from mip_rt.log import open as open_log
+from mip_rt.log.codes import Codes
 from mip_rt.log.spectrum import balancing, roller_hz, spectra, strongest
 from mip_rt.supervisor import State
 
@@ -76,10 +77,10 @@ def test_only_the_longest_balancing_part_is_taken(driving):
     frames = log.frames.copy()
     frames["state"][:1000], frames["request"][1000:1010] = State.DISARMED, 0
     frames = np.delete(frames, 1500)
-    assert (balancing(frames)["tick"][0], balancing(frames)["tick"][-1]) == (1501, 3999)
+    assert (balancing(frames, Codes({}))["tick"][0], balancing(frames, Codes({}))["tick"][-1]) == (1501, 3999)
     frames["state"] = State.FAULT
     with pytest.raises(Exception, match="does not balance"):
-        balancing(frames)
+        balancing(frames, Codes({}))
 
 
 def test_the_simulated_rollers_show_in_a_dry_run(tmp_path, capsys):
