@@ -17,12 +17,9 @@ from mip_rt import log
 
 ROOT = Path(__file__).parents[2]
 BROWSER, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        not (BROWSER and DRIVER and importlib.util.find_spec("selenium")), reason="needs chromium, chromium-driver and selenium: tools/test has them"
-    ),
-]
+pytestmark = pytest.mark.slow
+if not (BROWSER and DRIVER and importlib.util.find_spec("selenium")):
+    pytest.skip("needs chromium, chromium-driver and selenium, which tools/test brings on Debian 12", allow_module_level=True)
 OPTIONS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--disable-dev-shm-usage", "--window-size=1500,1500",
