@@ -54,14 +54,15 @@ def stubbed_loop():
     kernel, count, turn = bench.kernel, (32).to_bytes(2, "big"), [0]
     numbers = {registers.FIFO_COUNT_H: count}
 
-    def transfer(request, reply):
+    def transfer(prepared):
+        reply = prepared[1]
         if reply.len == 2:
             ctypes.memmove(reply.buf, numbers[registers.FIFO_COUNT_H], 2)
         else:
             turn[0] = (turn[0] + 1) % PACKETS
             ctypes.memmove(reply.buf, packets[turn[0]], 32)
 
-    kernel.bus.i2c_rdwr = transfer
+    kernel.bus.transfer = transfer
     kernel.wait_readable = lambda fd, timeout_s: True
     kernel.monotonic_ns = time.monotonic_ns
     edge = (kernel._now_ns, 2, 1)

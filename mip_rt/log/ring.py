@@ -8,6 +8,7 @@ also keeps the bytes of the controller's and the estimators' state, from which a
 
 import mmap
 import os
+import struct
 import zlib
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import numpy as np
 from mip_rt.errors import LogError
 from mip_rt.log import ring_format
 from mip_rt.log.description import header  # noqa: F401  (whoever makes a ring needs it)
-from mip_rt.log.ring_format import SEAL, STATE_MARK, Counter
+from mip_rt.log.ring_format import SEAL, STATE_MARK, Counter, Status
 
 STATE_EVERY = 200  # rows from one kept state to the next
 
@@ -50,7 +51,8 @@ class Ring:
         )
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o644)
+            path.unlink(missing_ok=True)  # whoever has an older file of this name mapped keeps it whole
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
             os.ftruncate(handle, geometry.size)
         except OSError as error:
             raise LogError(
@@ -68,6 +70,7 @@ class Ring:
         self.rows = np.frombuffer(self._map, dtype, rows, geometry.rows_at)
         self._sequence = self.rows["sequence"]
         self._counter = np.frombuffer(self._map, "<i8", len(Counter), geometry.counters_at)
+        self._status = np.frombuffer(self._map, "<i8", len(Status), geometry.status_at)
         self._counter[Counter.WRITER] = os.getpid()
         self.rows["sequence"] = 0  # touches every page, so that none is missing in a tick
         self._map[geometry.states_at : geometry.rows_at] = bytes(geometry.rows_at - geometry.states_at)
@@ -109,6 +112,23 @@ class Ring:
         self._states += 1
         self._counter[1] = self._states
 
+    def report_fault(self, number: int, tick: int) -> None:
+        """Tells the recorder that the supervisor entered FAULT with this code."""
+        self._counter[Counter.FAULT], self._counter[Counter.FAULT_TICK] = number, tick
+        self._counter[Counter.FAULTS] += 1
+
+    def recorder_status(self) -> dict[str, int]:
+        """What the recorder says of itself: see `ring_format.Status`."""
+        return dict(zip((name.lower() for name in Status.__members__), self._status.tolist()))
+
+    def committed(self) -> int:
+        """The newest committed tick + 1."""
+        return int(self._counter[Counter.COMMITTED])
+
+    def needed(self) -> int:
+        """The oldest tick that the recorder still has to read."""
+        return int(self._status[Status.NEEDED])
+
     def close(self) -> None:
         """Ends the writing: seals what was written and flushes the file. The mapping lives as long as anyone holds the rows."""
         self._seal()
@@ -129,3 +149,20 @@ class Ring:
 
     def _store_seal(self, number: int, sequence: int, check: int) -> None:
         SEAL.pack_into(self._map, self.geometry.seals_at + number * SEAL.size, sequence, check, check ^ 0xFFFFFFFF)
+
+
+def remove_old_rings(folder: Path, pattern: str, keep: int = 1) -> None:
+    """Removes the rings of processes that are gone, but for the newest `keep`: on the robot they take up memory."""
+    dead = []
+    for path in Path(folder).glob(pattern):
+        try:
+            with path.open("rb") as file:
+                found = ring_format.unpack_header(file.read(ring_format.HEADER_LIMIT))
+                file.seek(found[0].counters_at if found else 0)
+                counters = struct.unpack(f"<{len(Counter)}q", file.read(8 * len(Counter)))
+            if not found or not os.path.exists(f"/proc/{counters[Counter.WRITER]}"):
+                dead.append((path.stat().st_mtime_ns, path))
+        except (OSError, struct.error):
+            continue  # somebody else's file, or another process removed it at this moment
+    for _, path in sorted(dead)[: len(dead) - keep]:
+        path.unlink(missing_ok=True)

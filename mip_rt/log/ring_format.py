@@ -20,6 +20,7 @@ from typing import NamedTuple
 MAGIC = b"MIPRTLOG"
 VERSION = 2
 PAGE = 4096
+HEADER_LIMIT = 64 * PAGE  # a header is not longer
 START = struct.Struct("<8sII")  # magic, version, bytes of the JSON text: the same in every version
 PREFIX = struct.Struct("<8sII10QI4x")  # START, then Geometry, then the CRC-32 of all before it and the JSON
 STATE_MARK = struct.Struct("<qq")  # sequence: 0 while being written, then tick + 1; tick
@@ -33,6 +34,33 @@ class Counter(IntEnum):
     STATES = 1  # states kept since the start
     FINISHED = 2  # 1 once the loop has ended in an orderly way
     WRITER = 3  # process of the loop
+    FAULTS = 4  # times that the supervisor entered FAULT
+    FAULT = 5  # number of the last of those faults
+    FAULT_TICK = 6  # tick before which it was entered
+
+
+class Status(IntEnum):
+    """The 64-bit numbers of the status page: what the recorder says of itself."""
+
+    PROCESS = 0
+    HEARTBEAT_NS = 1  # CLOCK_MONOTONIC of the last look at the ring
+    NEEDED = 2  # oldest tick that it still has to read: the loop may wait here where time is virtual
+    RECORDED = 3  # rows written to disk
+    DROPPED = 4  # rows that were overwritten in the ring before they were read, or left over when the recorder gave up
+    TORN = 5  # committed rows that were not whole
+    BACKLOG = 6  # rows that were waiting at the last look
+    BACKLOG_MAX = 7
+    STATES = 8
+    BLOCKS = 9
+    BYTES = 10
+    ERRORS = 11  # refused writes; each is tried again
+    ERRNO = 12  # of the last refused write
+    SYNC_MAX_NS = 13  # longest time that the disk took to confirm
+    FILES_REMOVED = 14  # oldest files of the ring of files that made room
+    FAULTS_KEPT = 15
+    FAULTS_REFUSED = 16  # fault files that were not written because there were already as many as allowed
+    FAULTS_LOST = 17  # fault files that the disk refused
+    DONE = 18  # 1 once everything is on disk and the recorder has ended
 
 
 class Geometry(NamedTuple):
