@@ -137,7 +137,8 @@ class LiveRing:
             return Path(where)
         path = newest_ring(where)
         if path is None:
-            raise LogError(f"there is no ring in {where}.", "Start mip-rt, or name the .ring file that it prints.", "log_absent")
+            places = where if isinstance(where, str | os.PathLike) else " or ".join(map(str, where))
+            raise LogError(f"there is no ring in {places}.", "Start mip-rt, or name the .ring file that it prints.", "log_absent")
         return path
 
     def _open(self, path: Path) -> None:
