@@ -174,7 +174,8 @@ class LiveRing:
     def _reopen_if_new(self) -> bool:
         path = self.path
         now = time.monotonic()
-        if now - self._looked_s > LOOK_AROUND_S:
+        # While our loop runs, another's ring is not looked for: of two loops at a time both would seem the newest in turn.
+        if now - self._looked_s > LOOK_AROUND_S and (self.finished or self.quiet_s > LOOK_AROUND_S):
             self._looked_s = now
             try:
                 path = self._find()

@@ -49,7 +49,7 @@ class Source:
             try:
                 self._live = LiveRing(self._where)
             except LogError as error:
-                self.trouble = str(error)
+                self.trouble = f"{error.sentence} {error.cure}"
                 return ()
             self.trouble = ""
         live = self._live
