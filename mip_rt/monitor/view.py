@@ -70,20 +70,22 @@ class View:
         return (rows["edge_ns"] - self._origin_ns) * 1e-9
 
     def _note_changes(self, rows) -> None:
-        edges = rows["edge_ns"]
+        edges, states = rows["edge_ns"], rows["state"]
+        seen = int(np.bitwise_or.reduce(rows["limits"]))
         for name, bit in LIMITS.items():
-            found = np.flatnonzero(rows["limits"] & bit)
-            if len(found):
-                self._limit_seen_ns[name] = int(edges[found[-1]])
-        for field, since in (("state", "_state_since_ns"), ("fault", "_fault_since_ns")):
-            before = rows[field][0] if self.row is None else self.row[field]
-            changed = np.flatnonzero(np.diff(rows[field], prepend=before))
-            if len(changed):
-                setattr(self, since, int(edges[changed[-1]]))
+            if seen & bit:
+                self._limit_seen_ns[name] = int(edges[np.flatnonzero(rows["limits"] & bit)[-1]])
+        changed = np.flatnonzero(np.diff(states, prepend=states[0] if self.row is None else self.row["state"]))
+        if len(changed):
+            self._state_since_ns = int(edges[changed[-1]])
+        # Not where the number changes: the same fault may come again, and the number stays after it was acknowledged.
+        faults = changed[states[changed] == State.FAULT]
+        if len(faults):
+            self._fault_since_ns = int(edges[faults[-1]])
 
     # -- what is shown ---------------------------------------------------------------------------------------------------
     def show(self) -> dict:
-        """The newest row and what is recent, ready for JSON; names carry the units. Empty before the first row."""
+        """The newest row and what is recent but latencies, ready for JSON; names carry the units. Empty before the first row."""
         row = self.row
         if row is None:
             return {}
@@ -97,7 +99,6 @@ class View:
             "why_not_armed": self.why_not_armed(state),
             "rate_hz": self._rate_hz(),
             "missed": int(self._timing[:, 1].sum()),
-            "latency_us": self.latency_us(),
             **self._pose.show(row),
             "tilt_rad": number(self._tilt_rad[-1]),
             "tilt_max_rad": number(self._tilt_rad.max()),
@@ -163,9 +164,10 @@ class View:
 
     def _fault(self, state: str):
         """The last fault, None where there was none."""
-        number = int(self.row["fault"])
-        if number == 0:
+        code = int(self.row["fault"])
+        if code == 0:
             return None
-        fault = FAULT_BY_NUMBER.get(number)
-        words = (fault.code, fault.sentence, fault.cure) if fault else (f"fault {number}", "this program does not know the number", "")
-        return {**dict(zip(("code", "sentence", "cure"), words, strict=True)), "active": state == "FAULT", "ago_s": self._ago_s(self._fault_since_ns)}
+        fault = FAULT_BY_NUMBER.get(code)
+        words = (fault.code, fault.sentence, fault.cure) if fault else (f"fault {code}", "this program does not know the number", "")
+        since = {"active": state == State.FAULT.name, "ago_s": self._ago_s(self._fault_since_ns)}
+        return {**dict(zip(("code", "sentence", "cure"), words, strict=True)), **since}

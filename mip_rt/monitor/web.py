@@ -196,12 +196,10 @@ class Handler(BaseHTTPRequestHandler):
             if view is None or view.row is None:
                 self._event("waiting", {"sentence": source.trouble or "The loop has not made its first tick yet."})
             else:
-                shown = view.show()
-                latency = shown.pop("latency_us")
-                self._event("view", {**shown, "silence": source.silence, "samples": samples(view, rows, known, asked)})
+                self._event("view", {**view.show(), "silence": source.silence, "samples": samples(view, rows, known, asked)})
                 if due_s >= latency_due_s:
                     latency_due_s = due_s + LATENCY_EVERY_S
-                    self._event("latency", {"stages": latency, "counts": view.histograms()})
+                    self._event("latency", {"stages": view.latency_us(), "counts": view.histograms()})
             idle = view is None or view.row is None or source.silence
             due_s = max(due_s + (0.5 if idle else period_s), time.monotonic())
             time.sleep(max(0.0, due_s - time.monotonic()))

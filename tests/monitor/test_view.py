@@ -62,7 +62,7 @@ def test_states_and_what_to_do_next(fallen):
 def test_a_fall_is_told_with_cause_and_cure(fallen):
     shown = strict(view_until(fallen, 8.0).show())
     assert shown["state"] == "FAULT" and shown["fault"]["code"] == "tipped" and shown["fault"]["active"] and shown["fault"]["cure"]
-    fell_at = fallen.frames["tick"][np.argmax(fallen.frames["fault"] != 0)] / 200
+    fell_at = fallen.frames["tick"][np.argmax(fallen.frames["state"] == State.FAULT)] / 200
     assert shown["fault"]["ago_s"] == pytest.approx(shown["time_s"] - fell_at, abs=0.06)
     limits = {entry["name"]: entry for entry in shown["limits"]}
     assert limits["tipped"]["now"] and limits["tipped"]["ago_s"] == 0.0
@@ -185,3 +185,15 @@ def test_the_place_of_a_robot_on_wheels_is_the_sum_of_its_ways():
     assert shown["position_m"] == pytest.approx([1.0 - 0.005 + radius_m, radius_m], abs=1e-3)
     assert shown["attitude_rad"][0] == 0.0 and shown["attitude_rad"][1] == pytest.approx(pitch[-1], abs=1e-5)
     assert robot.tilt_rad(rows) == pytest.approx(np.abs(pitch))
+
+
+def test_the_same_fault_a_second_time_is_a_new_one(fallen):
+    """Its number in the row does not change, so a fall just now would be shown as one of long ago."""
+    rows = fallen.frames[:1600].copy()
+    rows["fault"][200:], rows["state"] = 4, State.DISARMED
+    rows["state"][200:300] = rows["state"][1400:1500] = State.FAULT
+    view = View(fallen.header, rows.dtype)
+    view.take(rows[:1000])
+    assert view.show()["fault"]["ago_s"] == pytest.approx(799 / 200, abs=0.06) and not view.show()["fault"]["active"]
+    view.take(rows[1000:])
+    assert view.show()["fault"]["ago_s"] == pytest.approx(199 / 200, abs=0.06)
