@@ -21,6 +21,7 @@ from mip_rt.robots import mbbr_setup
 from mip_rt.supervisor import State
 
 PACKETS = 8
+GUARD_EVERY = 16  # ticks between looks of the guard, which is no part of the tick but must not seem dead
 
 
 @njit
@@ -51,7 +52,7 @@ def stubbed_loop():
         session._between_ticks(loop.ticks - 1)
         if session.supervisor.state is State.BALANCING and session.supervisor.drive_scale >= 1.0:
             packets.append(bytes(bench.world.packet))
-    kernel, count, turn = bench.kernel, (32).to_bytes(2, "big"), [0]
+    kernel, count, turn = bench.kernel, (32).to_bytes(2, "big"), [0, 0]
     numbers = {registers.FIFO_COUNT_H: count}
 
     def transfer(request, reply):
@@ -65,7 +66,15 @@ def stubbed_loop():
     kernel.wait_readable = lambda fd, timeout_s: True
     kernel.monotonic_ns = time.monotonic_ns
     edge = (kernel._now_ns, 2, 1)
-    loop.devices.imu_line.read = lambda: edge
+
+    def read_edge():
+        turn[1] = (turn[1] + 1) % GUARD_EVERY
+        if turn[1] == 0:
+            bench.guard.step(time.monotonic_ns())
+        return edge
+
+    bench.guard.jump(time.monotonic_ns())
+    loop.devices.imu_line.read = read_edge
     return loop, bench
 
 
