@@ -25,7 +25,7 @@ from mip_rt.hardware.gpio import OutputLines
 
 BEAT, REQUEST, GUARD_BEAT, DROPPED = range(4)  # loop, loop, guard, guard
 WORDS_BYTES = 16
-LOOK_S = 0.010  # the guard looks, and beats itself, at least so often
+LOOK_S = 0.020  # the guard looks, and beats itself, at least so often
 MASK, HALF = 0xFFFFFFFF, 0x80000000
 OK, LINE_DROPPED, LOST = range(3)  # what the loop learns of the guard
 
