@@ -77,6 +77,7 @@ def victim(kind: str) -> None:
     from mip_rt.config.scenario import Scenario
     from mip_rt.fake.machine import Machine
 
+    realtime.leave()  # a child inherits the observer's priority
     config = configuration.load(configuration.default_path("mbbr"), {"estimator.shadows": "[]", "log.ring_s": "5"})
     machine = Machine(config)
     guard = guard_client.start(config, machine)
@@ -104,11 +105,10 @@ class Observed:
 
         self.process = subprocess.Popen([sys.executable, "-m", "mip_rt.lab.guard_drop", kind], stdout=subprocess.PIPE, bufsize=0)
         self._rest = b""
-        root, guard = self.told("root")
+        self.root, guard = self.told("root")
         self.guard = int(guard)
-        self.root = root
         bank, self._offset = BOARDS["beaglebone-black-cape"].enable
-        self._bank = FakeGpio(root).bank(GPIO[bank])
+        self._bank = FakeGpio(self.root).bank(GPIO[bank])
 
     def told(self, word: str) -> list[str]:
         """Waits for a line that begins with this word; what follows it.
@@ -192,19 +192,20 @@ def measure(runs: int, progress) -> dict:
     source, found = random.Random(1), {kind: [] for kind in KINDS}
     try:
         for number, kind in enumerate(("kill", "stop", "hang", "guard")):
-            observed = None
-            for run in range(runs):
-                progress(number * runs + run, 4 * runs, KINDS[kind])
-                observed = observed or Observed(kind)
-                try:
-                    for name, seconds in fall(observed, kind, source.uniform(0.01, 0.02)).items():
+            once = kind in ("kill", "guard")  # these end the victim: the next one starts while the present one is watched
+            victims = [Observed(kind)]
+            try:
+                for run in range(runs):
+                    progress(number * runs + run, 4 * runs, KINDS[kind])
+                    if once and run + 1 < runs:
+                        victims.append(Observed(kind))
+                    for name, seconds in fall(victims[0], kind, source.uniform(0.01, 0.02)).items():
                         found[name].append(seconds)
-                finally:
-                    if kind in ("kill", "guard"):
-                        observed.end()
-                        observed = None
-            if observed:
-                observed.end()
+                    if once:
+                        victims.pop(0).end()
+            finally:
+                for observed in victims:
+                    observed.end()
         progress(1, 1, "")
     finally:
         realtime.leave()
