@@ -118,8 +118,9 @@ class GuardProcess(GuardClient):
         Raises:
             GpioError: it does not get the line, or does not start.
         """
-        output = self._process.stdout
-        report = output.readline().decode() if select.select([output], [], [], START_LIMIT_S)[0] else ""
+        output, poll = self._process.stdout, select.poll()
+        poll.register(output, select.POLLIN)
+        report = output.readline().decode() if poll.poll(START_LIMIT_S * 1e3) else ""
         state, *rest = report.rstrip("\n").split("\t")
         if state == "ready":
             self.warnings = [f"guard: {warning}" for warning in rest[2:]]

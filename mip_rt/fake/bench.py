@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mip_rt import guard_client
+from mip_rt.fake.entrance import Entrance
 from mip_rt.fake.kernel import FALLING, FakeKernel
 from mip_rt.fake.machine import Machine
 from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256
@@ -30,6 +31,8 @@ class Bench:
 
     def close(self) -> None:
         """Releases everything and removes the temporary folder."""
+        if self.kernel.entrance is not None:
+            self.kernel.entrance.close()
         self.remote.close()
         self.guard.close()
         self.machine.close()
@@ -60,6 +63,8 @@ def build(config, scenario, seed: int, real_time: bool, machine: Machine | None 
     kernel.operator = Operator(
         scenario, config.remote.levels, world, remote.send, lambda now_ns: kernel.gpio.push_edge(*button, now_ns, FALLING)
     )
+    if real_time:  # on virtual time nobody could follow, and a run must depend on its seed alone
+        kernel.entrance = Entrance(folder / "entrance", kernel.operator, remote.send_bytes)
     image = folder / "dmp-stand-in.bin"
     image.write_bytes(stand_in_image())
     return Bench(kernel, machine, guard, world, remote, folder, image, stand_in_sha256())

@@ -57,9 +57,8 @@ class Victim:
             tell(f"fault {session.supervisor.fault.code} {time.monotonic_ns()}")
         elif state in (State.FAULT, State.DISARMED) and self._wait <= 0:
             self._wait = 20
-            self._bench.world.hold()
             kernel = self._bench.kernel
-            kernel.operator._press_button(kernel.monotonic_ns())
+            kernel.operator.press_arm(kernel.monotonic_ns())
 
 
 def tell(text: str) -> None:
@@ -104,7 +103,8 @@ class Observed:
         from mip_rt.hardware.boards import BOARDS, GPIO
 
         self.process = subprocess.Popen([sys.executable, "-m", "mip_rt.lab.guard_drop", kind], stdout=subprocess.PIPE, bufsize=0)
-        self._rest = b""
+        self._rest, self._poll = b"", select.poll()
+        self._poll.register(self.process.stdout, select.POLLIN)
         self.root, guard = self.told("root")
         self.guard = int(guard)
         bank, self._offset = BOARDS["beaglebone-black-cape"].enable
@@ -125,7 +125,7 @@ class Observed:
                 if first == word:
                     return words
                 continue
-            if select.select([self.process.stdout], [], [], 0.2)[0]:
+            if self._poll.poll(200):
                 data = os.read(self.process.stdout.fileno(), 4096)
                 if not data:
                     break
