@@ -1,4 +1,4 @@
-"""The verb `mip-rt bench`: what things cost, how well the estimators do, what the controller survives."""
+"""The verb `mip-rt bench`: what things cost, how well the estimators do, what the controller survives, how fast the guard is."""
 
 import json
 import tempfile
@@ -116,15 +116,15 @@ def speed(quick: bool) -> dict:
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage"),
+    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard"),
                         help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; cost of the log in the "
-                        "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits")  # fmt: skip
+                        "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang")  # fmt: skip
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--quick", action="store_true", help="fewer seeds or ticks")
+    parser.add_argument("--quick", action="store_true", help="fewer seeds, ticks or runs")
 
 
 def run(arguments) -> int:
-    """Exit code 1 where a robustness draw fell or a log lost more than it may."""
+    """Exit code 1 where a robustness draw fell, a log lost more than it may, or the enable line fell too late."""
     if arguments.what == "estimators":
         table = estimators(arguments.quick)
         print(json.dumps(table)) if arguments.json else print_estimators(table)
