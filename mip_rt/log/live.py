@@ -12,7 +12,7 @@ import numpy as np
 
 from mip_rt.errors import LogError
 from mip_rt.log import ring_format
-from mip_rt.log.reader import record_type
+from mip_rt.log.log_data import record_type
 from mip_rt.log.ring_format import MAGIC, PREFIX, START, VERSION, Counter
 
 PATTERN = "*.ring"
