@@ -11,7 +11,7 @@ import numpy as np
 
 from mip_rt.fake import plant
 from mip_rt.models import mbbr
-from mip_rt.robots.mbbr_setup import orthonormal
+from mip_rt.robots.robot import orthonormal
 
 BLOCK = 1024  # samples of random numbers drawn at a time
 TRUTH_ROWS = 4096
