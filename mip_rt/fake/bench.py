@@ -5,6 +5,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from mip_rt.config.schema import ROBOTS
 from mip_rt.fake.gpio import FakeGpio
 from mip_rt.fake.kernel import FALLING, FakeKernel
 from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256
@@ -38,7 +39,7 @@ def build(config, scenario, seed: int, real_time: bool) -> Bench:
     """A dry run of this configuration and scenario."""
     shared = Path("/dev/shm")  # the tree in memory, as the real one is
     folder = Path(tempfile.mkdtemp(prefix="mip-rt-", dir=shared if shared.is_dir() else None))
-    pins = board("beaglebone-black-cape" if config.board == "auto" else config.board, None)
+    pins = board(ROBOTS[config.robot]["board"].default if config.board == "auto" else config.board, None)
     kernel = FakeKernel(folder, real_time)
     world = World(config, seed)
     remote = FakeRemote()
