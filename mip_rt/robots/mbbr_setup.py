@@ -1,7 +1,5 @@
 """Builds the MBBR from a configuration: parameter records, state records and the bound step. Runs once, before the loop."""
 
-import math
-
 import numpy as np
 
 from mip_rt import frame
@@ -11,7 +9,7 @@ from mip_rt.errors import ConfigError
 from mip_rt.estimators import mbbr_ekf, mbbr_kf
 from mip_rt.models import mbbr, mbbr_linear, mbbr_yaw
 from mip_rt.robots import mbbr as robot
-from mip_rt.robots import mbbr_frame
+from mip_rt.robots import mbbr_frame, sensors
 from mip_rt.robots.mbbr_judge import Judge  # noqa: F401  (part of what a setup module offers)
 from mip_rt.robots.robot import Robot, orthonormal, noise
 
@@ -101,13 +99,7 @@ def build(config, shadows=None) -> Robot:
 
 
 def _configure_sensors(p, config, dt_s) -> None:
-    motor = config.motor
-    p.rate_hz = 1.0 / dt_s
-    p.mounting[:] = config.imu.mounting
-    p.gyro_scale_rad_s = math.radians(config.imu.gyro_range_dps) / 32768.0
-    p.accel_scale_m_s2 = config.imu.accel_range_g * 9.80665 / 32768.0
-    p.count_scale_rad[:] = [2.0 * math.pi * sign / config.encoders.counts_per_turn for sign in config.encoders.signs]
-    p.wheel_jump_rad = 2.0 * motor.nominal_voltage_v / motor.torque_constant_n_m_a * dt_s
+    sensors.configure(p, config, dt_s)
     p.body_from_wheel[:] = orthonormal(config.wheels.body_from_wheel)
     p.wheel_ratio = config.model.wheel_radius_m / config.model.ball_radius_m
 
