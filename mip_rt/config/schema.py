@@ -177,5 +177,3 @@ MBBR = {
     },
     "dry_run": DRY_RUN,
 }  # fmt: skip
-
-ROBOTS = {"mbbr": MBBR}

@@ -35,9 +35,9 @@ def resample(numerator, denominator, made_hz: float, used_hz: float):
         for power, coefficient in enumerate(reversed(coefficients)):
             term = np.array([1.0])
             for _ in range(power):
-                term = np.polymul(term, up)
+                term = np.convolve(term, up)
             for _ in range(order - power):
-                term = np.polymul(term, down)
+                term = np.convolve(term, down)
             total += coefficient * term
         return total
 

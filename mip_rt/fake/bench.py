@@ -5,7 +5,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from mip_rt.config.schema import ROBOTS
+from mip_rt.config.robots import ROBOTS
 from mip_rt.fake.gpio import FakeGpio
 from mip_rt.fake.kernel import FALLING, FakeKernel
 from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256

@@ -2,7 +2,7 @@
 
 import importlib
 
-NAMES = ("mbbr",)
+NAMES = ("mbbr", "edumip")
 
 
 def setup(name: str):
