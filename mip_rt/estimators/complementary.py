@@ -39,6 +39,8 @@ def accelerometer_tilt(ay, az):
 @njit
 def reset(p, state, tilt):
     """Starts at this tilt."""
+    for i in range(ekf.ROW):
+        state.x[i] = 0.0
     state.x[0] = tilt
     state.status = 0
 

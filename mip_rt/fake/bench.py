@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mip_rt.config.robots import ROBOTS
+from mip_rt.fake.entrance import Entrance
 from mip_rt.fake.gpio import FakeGpio
 from mip_rt.fake.kernel import FALLING, FakeKernel
 from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256
@@ -30,6 +31,8 @@ class Bench:
 
     def close(self) -> None:
         """Releases everything and removes the temporary folder."""
+        if self.kernel.entrance is not None:
+            self.kernel.entrance.close()
         self.remote.close()
         self.kernel.sysfs.close()
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -54,6 +57,8 @@ def build(config, scenario, seed: int, real_time: bool) -> Bench:
     kernel.operator = Operator(
         scenario, config.remote.levels, world, remote.send, lambda now_ns: kernel.gpio.push_edge(*button, now_ns, FALLING)
     )
+    if real_time:  # on virtual time nobody could follow, and a run must depend on its seed alone
+        kernel.entrance = Entrance(folder / "entrance", kernel.operator, remote.send_bytes)
     image = folder / "dmp-stand-in.bin"
     image.write_bytes(stand_in_image())
     return Bench(kernel, world, remote, folder, image, stand_in_sha256())

@@ -1,7 +1,6 @@
 """The verb `mip-rt bench`: what things cost, how well the estimators do, what the controller survives."""
 
 import json
-import sys
 import tempfile
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from mip_rt import session as runner
 from mip_rt.config import published
 from mip_rt.config import scenario as scenarios
 from mip_rt.fake import bench as fake_bench
+from mip_rt.progress import progress
 
 DRIVES = (("drive", 0.0), ("drive-spin-0.5", 0.5), ("drive-spin-1.0", 1.0), ("drive-spin-1.5", 1.5))
 ALL_SCENARIOS = ("hold", "spin-0.5", "spin-1.0", "spin-1.5", "drive-spin-1.0", "dissertation-6.4.5")
@@ -112,15 +112,6 @@ def speed(quick: bool) -> dict:
     duration = 20.0 if quick else 60.0
     dry_run({"estimator.shadows": "[]"}, "hold", 1, duration)
     return {"ekf_step_ns": ekf_ns, "tick_us": tick_us, "times_real_time": duration / (time.perf_counter() - begin)}
-
-
-def progress(done: int, total: int, what: str) -> None:
-    """A progress bar on standard error, where that is a terminal."""
-    if sys.stderr.isatty():
-        filled = round(30 * done / max(total, 1))
-        end = "\n" if done == total else "\r"
-        sys.stderr.write(f"[{'#' * filled}{'.' * (30 - filled)}] {done}/{total} {what}\x1b[K{end}")
-        sys.stderr.flush()
 
 
 def add_arguments(parser) -> None:

@@ -62,6 +62,9 @@ ESTIMATOR_PARAMETERS = np.dtype(
     align=True,
 )
 ESTIMATOR_STATE = np.dtype([("filter", ekf.STATE)], align=True)
+# Bytes of an estimator's record that the next tick reads (what follows is scratch), and those of them that hold the estimate.
+ESTIMATOR_PERSISTENT = ekf.PERSISTENT
+ESTIMATE_BYTES = slice(ekf.STATE.fields["x"][1], ekf.STATE.fields["P"][1])
 
 # Bits of the EKF's mask; the planar filter has the first three.
 PHI_BIT, GYRO_BIT, ACCELEROMETER_BIT, YAW_BIT = 1, 2, 4, 8
@@ -80,18 +83,29 @@ def _reset_estimator(p, s, row):
     elif p.kind == KIND_COMPLEMENTARY_KF:
         complementary_kf.reset(p.complementary_kf, s.filter, lean)
     else:
-        s.filter.status = 0
+        _show_dmp(s.filter, row)
 
 
 @njit
-def _advance(p, s, state, valid):
+def _show_dmp(s, row):
+    """The DMP is no filter of ours; its lean stands where a filter has its state."""
+    for i in range(ekf.ROW):
+        s.x[i] = 0.0
+    s.x[0] = row.attitude_rad[0]
+    s.status = 0
+
+
+@njit
+def _advance(p, s, state, row, valid):
     """One cycle of one estimator; `state` is the robot's, with the measurements."""
     y = state.measured
     if p.kind == KIND_EKF:
         mip_ekf.step(p.ekf, s.filter, state.applied, y, valid)
     elif p.kind == KIND_PLANAR:
         mip_planar_kf.step(p.planar, s.filter, state.applied, y, valid & mip_planar_kf.ALL_VALID)
-    elif p.kind != KIND_DMP:
+    elif p.kind == KIND_DMP:
+        _show_dmp(s.filter, row)
+    else:
         imu = complementary.GYRO_VALID if valid & GYRO_BIT else 0
         if valid & ACCELEROMETER_BIT:
             imu |= complementary.ACCELEROMETER_VALID
@@ -150,7 +164,7 @@ def _run_estimators(s, ep, es, row, valid, fresh_start):
         if fresh_start:
             _reset_estimator(pe, se, row)
         else:
-            _advance(pe, se, s, valid)
+            _advance(pe, se, s, row, valid)
         flags = se.filter.status
         row.estimator_flags[slot] = flags
         if flags & ekf.UNHEALTHY:
@@ -202,6 +216,8 @@ def _control(p, s, row):
     error[4] = ref.wheel_rate_rad_s - estimate[4] - estimate[3]
     error[5] = ref.yaw_rate_rad_s - estimate[5]
     row.reference_lean_rad = 0.0
+    for i in range(mip_feedback.GAINS):
+        row.gains[i] = 0.0
     if p.controller == SUCCESSIVE_LOOP:
         forward, lean = successive_loop.step(p.loops, s.loops, error[1], estimate[0])
         row.command_feedback[0] = forward
@@ -237,11 +253,21 @@ def _control(p, s, row):
 
 @njit
 def _rest(row):
-    """Outputs of a tick without control: zero commands."""
+    """Outputs of a tick without control: zero commands, and zero wherever nothing is estimated or wanted (every output, every tick)."""
+    for i in range(8):
+        row.state_estimate[i] = 0.0
+        row.state_variance[i] = 0.0
+    for i in range(4):
+        row.innovation[i] = 0.0
+    for i in range(mip_feedback.GAINS):
+        row.gains[i] = 0.0
+    row.reference_velocity_rad_s = 0.0
+    row.reference_angle_rad = 0.0
     for i in range(6):
         row.error[i] = 0.0
     row.reference_lean_rad = 0.0
     for i in range(2):
+        row.reference_yaw_rad[i] = 0.0
         row.command_feedback[i] = 0.0
         row.command_friction[i] = 0.0
         row.command_wheel[i] = 0.0

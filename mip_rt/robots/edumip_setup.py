@@ -129,7 +129,9 @@ def build(config, shadows=None) -> Robot:
         (estimator_parameters, robot.ESTIMATOR_PARAMETERS),
         (states, robot.ESTIMATOR_STATE),
     )
-    return Robot(edumip_frame.LAYOUT, names, config.control.controller, robot.step, arrays)
+    return Robot(
+        edumip_frame.LAYOUT, names, config.control.controller, robot.step, arrays, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES
+    )
 
 
 def _configure_control(p, config, model, dt_s) -> None:

@@ -11,7 +11,7 @@ from mip_rt.models import mbbr, mbbr_linear, mbbr_yaw
 from mip_rt.robots import mbbr as robot
 from mip_rt.robots import mbbr_frame, sensors
 from mip_rt.robots.mbbr_judge import Judge  # noqa: F401  (part of what a setup module offers)
-from mip_rt.robots.robot import Robot, orthonormal, noise
+from mip_rt.robots.robot import Robot, noise, orthonormal
 
 # name: (kind, DMP attitude to the controller, model variant or None for the configured one, yaw rotation)
 ESTIMATORS = {
@@ -83,6 +83,7 @@ def build(config, shadows=None) -> Robot:
     p = parameters[0]
     p.dt_s, p.tip_rad = dt_s, config.limits.tip_rad
     p.nominal_voltage_v = config.motor.nominal_voltage_v
+    p.odometry = 1 if config.estimator.odometry == "encoders" else 0
     p.battery_pole = pole_from_rate(BATTERY_SMOOTHING_RAD_S, dt_s)
     _configure_sensors(p.sensors, config, dt_s)
     _configure_control(p, config, dt_s)
@@ -95,7 +96,7 @@ def build(config, shadows=None) -> Robot:
         (estimator_parameters, robot.ESTIMATOR_PARAMETERS),
         (states, robot.ESTIMATOR_STATE),
     )
-    return Robot(mbbr_frame.LAYOUT, names, CONTROLLER, robot.step, arrays)
+    return Robot(mbbr_frame.LAYOUT, names, CONTROLLER, robot.step, arrays, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES)
 
 
 def _configure_sensors(p, config, dt_s) -> None:
