@@ -23,7 +23,7 @@ FILTERS = {
 }
 PROCESS_NOISE = {
     "paper": ((1e-11, 1e-7, 1e-7, 1e-5, 1e-7, 1e-7), "T 3.48"),
-    "driving": ((1e-9, 1e-7, 1e-7, 1e-3, 3e-2, 1e-3), "ours: inputs are wrong by friction and backlash, so rates follow their sensors"),
+    "driving": ((1e-9, 1e-7, 1e-7, 0.1, 1.0, 0.1), "ours: commands are wrong by friction and delay, so rates follow their sensors"),
 }
 LEVELS = tuple(
     {"button": button, "yaw_rate_hz": rate / (2.0 * math.pi), "drive_limit_m_s": 0.35}
@@ -76,16 +76,16 @@ CONTROL = {
         "pitch_rate_rad_s": N(2.0, "Tolerated lean rate.", unit="rad/s", low=1e-4, high=1e6),
         "wheel_rate_rad_s": N(20.0, "Tolerated error of the wheels' rate.", unit="rad/s", low=1e-4, high=1e6),
         "integral_rad_s": N(3.0, "Tolerated integral of the wheel angle's error.", low=1e-4, high=1e6),
-        "command": N(0.3, "Tolerated command.", low=1e-4, high=1e4),
+        "command": N(0.1, "Tolerated command.", low=1e-4, high=1e4),
     },
     "filter_set": PAPER_NAME.__class__("dissertation", "Filters of the successive loops in use.", pattern=PAPER_NAME.pattern, wanted=PAPER_NAME.wanted),
     "filters": Named(FILTERS, "D1 and D2 of the successive loops by name.", entry=_FILTER),
     "pid": {
-        "lean": N(5.0, "Command a rad of lean.", low=-1000, high=1000),
-        "lean_rate": N(0.5, "Command a rad/s.", low=-1000, high=1000),
-        "place": N(6.0, "Command a metre of place along the heading.", low=-1000, high=1000),
-        "speed": N(4.0, "Command a m/s.", low=-1000, high=1000),
-        "integral": N(3.0, "Command a metre second.", low=-1000, high=1000),
+        "lean": N(3.0, "Command a rad of lean.", low=-1000, high=1000),
+        "lean_rate": N(0.2, "Command a rad/s.", low=-1000, high=1000),
+        "place": N(3.0, "Command a metre of place along the heading.", low=-1000, high=1000),
+        "speed": N(2.0, "Command a m/s.", low=-1000, high=1000),
+        "integral": N(1.5, "Command a metre second.", low=-1000, high=1000),
         "yaw": N(1.0, "Command a rad of heading.", low=-1000, high=1000),
         "yaw_rate": N(0.05, "Command a rad/s of yaw.", low=-1000, high=1000),
     },
@@ -148,7 +148,9 @@ EDUMIP = {
         "planar_measurement_noise": numbers((1e-5, 3.07e-6, 3.04e-3), "Variances of wheel angle, gyro, accelerometer (T 3.34).", 3, low=1e-15, high=1e6),
         "corner_rad_s": N(4.0, "Complementary filter: gyro above, accelerometer below.", unit="rad/s", low=0.01, high=100),
         "complementary_kf_noise": numbers((1e-8, 1e-10, 1e-4), "Variances a 5 ms step of lean and bias, and of the measured lean (T 3.38).", 3, low=0, high=1e6),
-        **{key: MBBR["estimator"][key] for key in ("initial_covariance", "covariance_limit", "gate_sigma")},
+        **{key: MBBR["estimator"][key] for key in ("initial_covariance", "covariance_limit")},
+        "gate_sigma": N(100.0, "An innovation beyond so many standard deviations is refused; narrow gates mistake a late command for a sick sensor.",
+                        low=1, high=1e6),
     },
     "control": CONTROL,
     "remote": {

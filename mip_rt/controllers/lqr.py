@@ -45,11 +45,11 @@ def riccati(A, B, Q, R) -> np.ndarray:
     for _ in range(DOUBLINGS):
         inverse = np.linalg.inv(unit + G @ P)
         growth = A.T @ P @ inverse @ A
+        if not np.abs(growth).max() < 1e100:
+            break
         G = G + A @ inverse @ G @ A.T
         A = A @ inverse @ A
         P = P + 0.5 * (growth + growth.T)
-        if not np.isfinite(P).all():
-            break
         if np.abs(growth).max() <= 1e-13 * np.abs(P).max():
             return P
     raise ValueError("the Riccati equation does not settle: the model cannot be stabilised with these weights")

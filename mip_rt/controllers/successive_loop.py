@@ -5,8 +5,8 @@
 D1 and D2 are second-order filters that their authors give as coefficients for one sample rate: the dissertation's (3.50), (3.51) for 200 Hz, the same
 digits in the public eduMIP program for 100 Hz with gains of 1.05 and 0.9. Here they are data with the rate they were made for, and are carried over to
 the rate in use through their bilinear (Tustin) continuous equivalent. D2 needs its five digits (with three its zeros turn complex and the robot falls), and
-the sign of the outer loop is plus: a robot that is behind must lean forward (as printed it falls). Outputs are limited in the filters' own memory,
-so that nothing winds up behind a limit.
+the sign of the outer loop is plus: a robot that is behind must lean forward (as printed it falls). Behind a limit a filter remembers the input that
+would just have led to the limit (Hanus), so that nothing winds up there.
 
 Source: dissertation (3.50) to (3.52), corrected as in section I.1 of the equations.
 """
@@ -14,6 +14,7 @@ Source: dissertation (3.50) to (3.52), corrected as in section I.1 of the equati
 import numpy as np
 
 from mip_rt.compiled import njit
+from mip_rt.controllers.filters import limit
 
 FILTER = np.dtype([("b", "f8", (3,)), ("a", "f8", (3,)), ("limit", "f8")], align=True)
 MEMORY = np.dtype([("x", "f8", (2,)), ("y", "f8", (2,))], align=True)
@@ -45,10 +46,10 @@ def resample(numerator, denominator, made_hz: float, used_hz: float):
     return b / a[0], a / a[0]
 
 
-def configure_filter(p, numerator, denominator, gain: float, limit: float, made_hz: float, used_hz: float) -> None:
+def configure_filter(p, numerator, denominator, gain: float, largest: float, made_hz: float, used_hz: float) -> None:
     """Fills a record of FILTER, once."""
     b, a = resample(numerator, denominator, made_hz, used_hz)
-    p.b[:], p.a[:], p.limit = gain * b, a, limit
+    p.b[:], p.a[:], p.limit = gain * b, a, largest
 
 
 @njit
@@ -68,15 +69,12 @@ def reset(s):
 @njit
 def _filter(p, s, value):
     out = p.b[0] * value + p.b[1] * s.x[0] + p.b[2] * s.x[1] - p.a[1] * s.y[0] - p.a[2] * s.y[1]
-    if out > p.limit:
-        out = p.limit
-    elif out < -p.limit:
-        out = -p.limit
+    limited = limit(out, p.limit)
     s.x[1] = s.x[0]
-    s.x[0] = value
+    s.x[0] = value + (limited - out) / p.b[0]
     s.y[1] = s.y[0]
-    s.y[0] = out
-    return out
+    s.y[0] = limited
+    return limited
 
 
 @njit

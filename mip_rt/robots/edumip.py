@@ -100,6 +100,10 @@ def _advance(p, s, state, row, valid):
     """One cycle of one estimator; `state` is the robot's, with the measurements."""
     y = state.measured
     if p.kind == KIND_EKF:
+        if p.dmp_attitude == 1:
+            # The DMP has used the accelerometer already; and a command that acts later than told would bend the lean most through it.
+            s.filter.x[0] = row.attitude_rad[0]
+            valid &= ~ACCELEROMETER_BIT
         mip_ekf.step(p.ekf, s.filter, state.applied, y, valid)
     elif p.kind == KIND_PLANAR:
         mip_planar_kf.step(p.planar, s.filter, state.applied, y, valid & mip_planar_kf.ALL_VALID)
