@@ -189,5 +189,3 @@ MBBR = {
     },
     "dry_run": DRY_RUN,
 }  # fmt: skip
-
-ROBOTS = {"mbbr": MBBR}
