@@ -21,7 +21,7 @@ class Loop:
     """One robot's tick.
 
     Args:
-        robot: what `robots.mbbr_setup.build` returns: compiled step and its arrays.
+        robot: robots.robot.Robot: compiled step and its arrays.
         devices: opened drivers: imu, imu_line, encoders, motors, battery, button, remote.
         supervisor: owner of the motors.
         ring: log.ring.Ring.

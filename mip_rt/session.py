@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mip_rt import frame, realtime
+from mip_rt import frame, realtime, robots
 from mip_rt.errors import MipRtError
 from mip_rt.hardware.devices import open_devices
 from mip_rt.hardware.kernel import Kernel
@@ -21,7 +21,6 @@ from mip_rt.log import recorder_process
 from mip_rt.log.ring import Ring, header, remove_old_rings
 from mip_rt.loop import Loop
 from mip_rt.prearm import Calibration, failing_checks
-from mip_rt.robots import mbbr_setup
 from mip_rt.summary import Summary
 from mip_rt.supervisor import FAULT_BY_NUMBER, State, Supervisor
 
@@ -57,7 +56,8 @@ class Session:
     ):
         self.config, self.bench, self.seed = config, bench, seed
         self.kernel = bench.kernel if bench else Kernel()
-        self.robot = mbbr_setup.build(config)
+        setup = robots.setup(config.robot)
+        self.robot = setup.build(config)
         rows = round(config.log.ring_s * config.realtime.rate_hz)
         stamp = f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
         name = f"dry-run-{scenario_name}-seed{seed}" if bench else f"mip-rt-{stamp}"
@@ -93,8 +93,7 @@ class Session:
             config.limits.engage_tilt_rad,
         )  # fmt: skip
         self.calibration = Calibration(config.realtime.rate_hz)
-        self.summary = Summary(self.robot.names, dt_s)
-        self.summary.radius_m = config.model.ball_radius_m
+        self.summary = Summary(self.robot.names, dt_s, setup.Judge(config))
         self.scheduling = realtime.Scheduling()
         self.refusals = []
         self._absorbed = 0
@@ -196,11 +195,8 @@ class Session:
         index = np.arange(self._absorbed, until)
         rows = self.ring.rows[index % self.ring.capacity]
         if self.bench:
-            # The world's rows run on with its samples; the newest belongs to the newest tick, missed samples lie between.
-            world = self.bench.world
-            behind = np.round((rows["edge_ns"][-1] - rows["edge_ns"]) / (1e9 / self.config.realtime.rate_hz)).astype(int)
-            newest = self.kernel.sample_of(int(rows["edge_ns"][-1]))
-            samples = (newest - behind) % len(world.truth)
+            world = self.bench.world  # its rows run on with its samples, missed ones included
+            samples = self.kernel.sample_of(rows["edge_ns"]) % len(world.truth)
             self.summary.absorb(rows, world.truth_rows[samples], self.kernel.fake_ns[samples])
         else:
             self.summary.absorb(rows)
@@ -223,7 +219,7 @@ class Live:
         supervisor = session.supervisor
         lean = math.degrees(math.hypot(row["attitude_rad"][0], row["attitude_rad"][1]))
         text = (
-            f"{tick * 0.005:7.1f} s  {supervisor.state.name:<11} lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
+            f"{tick / session.config.realtime.rate_hz:7.1f} s  {supervisor.state.name:<11} lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
             f"  {session.devices.battery_v:4.2f} V"
         )
         if supervisor.state is State.FAULT:

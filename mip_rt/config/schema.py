@@ -188,5 +188,3 @@ MBBR = {
     },
     "dry_run": DRY_RUN,
 }  # fmt: skip
-
-ROBOTS = {"mbbr": MBBR}

@@ -5,6 +5,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from mip_rt.config.robots import ROBOTS
 from mip_rt.fake.entrance import Entrance
 from mip_rt.fake.gpio import FakeGpio
 from mip_rt.fake.kernel import FALLING, FakeKernel
@@ -41,7 +42,7 @@ def build(config, scenario, seed: int, real_time: bool) -> Bench:
     """A dry run of this configuration and scenario."""
     shared = Path("/dev/shm")  # the tree in memory, as the real one is
     folder = Path(tempfile.mkdtemp(prefix="mip-rt-", dir=shared if shared.is_dir() else None))
-    pins = board("beaglebone-black-cape" if config.board == "auto" else config.board, None)
+    pins = board(ROBOTS[config.robot]["board"].default if config.board == "auto" else config.board, None)
     kernel = FakeKernel(folder, real_time)
     world = World(config, seed)
     remote = FakeRemote()

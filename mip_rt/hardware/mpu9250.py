@@ -43,6 +43,7 @@ class Mpu9250:
     Args:
         kernel: hardware.kernel.Kernel.
         settings: the configuration's imu section.
+        rate_hz: packets a second, a divisor of 200.
 
     Attributes:
         chip: name of the chip that answered, after `start`.
@@ -50,10 +51,11 @@ class Mpu9250:
         counters: how often each kind of trouble occurred.
     """
 
-    def __init__(self, kernel, settings):
+    def __init__(self, kernel, settings, rate_hz: float = dmp.SAMPLE_HZ):
         from smbus2 import i2c_msg
 
         self._kernel, self._settings, self._message = kernel, settings, i2c_msg
+        self._rate_hz = rate_hz
         self._bus = kernel.open_i2c(settings.bus)
         address = settings.address
         count_reply = i2c_msg.read(address, 2)
@@ -87,7 +89,7 @@ class Mpu9250:
         self._step("configure", self._configure)
         self._step("load the DMP image", lambda: self._write_memory(0, image))
         self._step("start address", lambda: self._write(r.PRGM_START_H, r.DMP_START >> 8, r.DMP_START & 0xFF))
-        for address, data in dmp.feature_writes(s.dmp_orientation, s.accel_range_g):
+        for address, data in dmp.feature_writes(s.dmp_orientation, s.accel_range_g, self._rate_hz):
             self._step(f"DMP feature at {address}", lambda a=address, d=data: self._write_memory(a, d))
         self._step("start the FIFO", self.recover)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from helpers import DryRun, make_config
 
-from mip_rt import frame
+from mip_rt import frame, robots
 from mip_rt import log as logs
 from mip_rt.config import scenario as scenarios
 from mip_rt.errors import MipRtError
@@ -24,7 +24,6 @@ from mip_rt.log.comparison import Comparison
 from mip_rt.log.replay import replay
 from mip_rt.log.rerun import Rerun
 from mip_rt.progress import progress
-from mip_rt.robots import mbbr_setup
 
 FOLDER = Path(__file__).parent / "logs"
 LARGEST = 1_500_000  # bytes of all excerpts together
@@ -33,12 +32,25 @@ BEFORE, LENGTH = 4, 28  # ticks of a stretch before its moment and in all
 FILLING = 12  # moments in even distances, where there is room
 
 
+def scenarios_of(robot: str) -> list[str]:
+    """The shipped scenarios that are meant for a robot: spins in rad/s are the eduMIP's, those in Hz the MBBR's."""
+    found = sorted(scenarios.shipped())
+    return [name for name in found if name in ("hold", "drive") or name.endswith("-rad-s") == (robot == "edumip")]
+
+
 def wanted() -> dict[str, tuple]:
-    """{name of an excerpt: (configuration, name of the scenario)}."""
-    control = make_config().estimator.control
-    shadows = ", ".join(name for name in mbbr_setup.ESTIMATORS if name != control)
-    config = make_config(estimator__shadows=f"[{shadows}]", log__ring_s=str(LONGEST_S + 1.0))
-    return {f"mbbr-{scenario}": (config, scenario) for scenario in sorted(scenarios.shipped())}
+    """{name of an excerpt: (configuration, name of the scenario)}: every scenario of every robot, and its other controllers standing still."""
+    found = {}
+    for robot in robots.NAMES:
+        setup, shipped = robots.setup(robot), make_config(robot)
+        shadows = ", ".join(name for name in setup.ESTIMATORS if name != shipped.estimator.control)
+        changes = {"estimator__shadows": f"[{shadows}]", "log__ring_s": str(LONGEST_S + 1.0)}
+        for scenario in scenarios_of(robot):
+            found[f"{robot}-{scenario}"] = make_config(robot, **changes), scenario
+        for controller in getattr(setup, "CONTROLLERS", ()):
+            if controller != shipped.control.controller:
+                found[f"{robot}-hold-{controller}"] = make_config(robot, **changes, control__controller=controller), "hold"
+    return found
 
 
 def path_of(name: str) -> Path:
