@@ -28,7 +28,7 @@ from mip_rt.progress import progress
 FOLDER = Path(__file__).parent / "logs"
 LARGEST = 1_500_000  # bytes of all excerpts together
 LONGEST_S = 30.0  # of a scenario: what happens later is more of the same
-BEFORE, LENGTH = 4, 28  # ticks of a stretch before its moment and in all
+BEFORE, LENGTH = 4, 20  # ticks of a stretch before its moment and in all
 FILLING = 12  # moments in even distances, where there is room
 
 
@@ -63,6 +63,7 @@ def moments(frames) -> list[int]:
     engaged = frames["request"] & frame.REQUEST_ENGAGED != 0
     found = list(np.flatnonzero(engaged[1:] & ~engaged[:-1]) + 1)
     found += list(np.flatnonzero(frames["request"] & frame.REQUEST_HEADING_RESET))
+    found += [np.abs(frames["gyro_rad_s"][:, 2]).argmax(), np.abs(frames["wheel_rate_rad_s"]).max(axis=1).argmax()]
     for bit in frame.LIMITS.values():
         found += list(np.flatnonzero(frames["limits"] & bit)[:1])
     command = np.column_stack([frames["remote_velocity_m_s"], frames["remote_yaw_rate_rad_s"]])
@@ -119,13 +120,15 @@ def record(config, scenario: str, largest: int) -> bytes:
     return data
 
 
-def change(name: str, config) -> str | None:
-    """What is no longer true of an excerpt; None where its replay is equal and its configuration is the present one."""
+def change(name: str, config, largest: int) -> str | None:
+    """Why an excerpt has to be rewritten; None where its replay is equal and its configuration the present one."""
     if not path_of(name).exists():
         return "new"
     log = logs.open(path_of(name))
     try:
         if replay(log)[1].equal:
+            if path_of(name).stat().st_size > largest:
+                return "larger than its share"
             return None if log.config == config.to_yaml() else "configuration"
         rerun = Rerun(log, asserted=False)
     except MipRtError as error:
@@ -147,14 +150,15 @@ def main(argv=None) -> int:
     arguments = parser.parse_args(argv)
     FOLDER.mkdir(exist_ok=True)
     runs = wanted()
+    share = LARGEST // len(runs)
     for path in set(FOLDER.iterdir()) - {path_of(name) for name in runs}:
         path.unlink()
         print(f"{path.name}: removed, no scenario of that name is shipped")
     for number, (name, (config, scenario)) in enumerate(runs.items()):
         progress(number, len(runs), name)
-        changed = change(name, config) or ("rewritten" if arguments.all else None)
+        changed = change(name, config, share) or ("rewritten" if arguments.all else None)
         if changed:
-            path_of(name).write_bytes(record(config, scenario, LARGEST // len(runs)))
+            path_of(name).write_bytes(record(config, scenario, share))
             if not replay(logs.open(path_of(name)))[1].equal:
                 raise SystemExit(f"{name}: the new excerpt does not replay; the step depends on something that the log lacks")
         print(f"{name}: {changed or 'unchanged'}")
