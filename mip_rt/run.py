@@ -50,7 +50,7 @@ def run(arguments) -> int:
     if arguments.dry_run:
         from mip_rt.fake import bench as fake_bench
 
-        bench = fake_bench.build(config, scenario, arguments.seed, real_time)
+        bench = fake_bench.build(config, scenario, arguments.seed, real_time, arguments.config)
         if arguments.remote is None:
             remote = bench.remote.device
     try:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mip_rt.fake.gpio import FakeGpio
+from mip_rt.fake.injection import Injector
 from mip_rt.fake.kernel import FALLING, FakeKernel
 from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256
 from mip_rt.fake.operator import Operator
@@ -18,7 +19,12 @@ from mip_rt.hardware.boards import GPIO, board
 
 @dataclass
 class Bench:
-    """A running dry run's parts."""
+    """A running dry run's parts.
+
+    Attributes:
+        config_path: the file that the user configured the run from; None for the shipped one.
+        injector: fake.injection.Injector of the scenario's faults.
+    """
 
     kernel: FakeKernel
     world: World
@@ -26,15 +32,18 @@ class Bench:
     folder: Path
     image_path: Path
     image_sha256: str
+    config_path: Path | None = None
+    injector: Injector | None = None
 
     def close(self) -> None:
         """Releases everything and removes the temporary folder."""
+        self.injector.close()
         self.remote.close()
         self.kernel.sysfs.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def build(config, scenario, seed: int, real_time: bool) -> Bench:
+def build(config, scenario, seed: int, real_time: bool, config_path=None) -> Bench:
     """A dry run of this configuration and scenario."""
     shared = Path("/dev/shm")  # the tree in memory, as the real one is
     folder = Path(tempfile.mkdtemp(prefix="mip-rt-", dir=shared if shared.is_dir() else None))
@@ -50,9 +59,11 @@ def build(config, scenario, seed: int, real_time: bool) -> Bench:
     kernel.imu_line = (GPIO[pins.imu_interrupt[0]], pins.imu_interrupt[1])
     kernel.motor_wiring = Wiring(config, pins, kernel.sysfs, kernel.gpio)
     button = (GPIO[pins.arm_button[0]], pins.arm_button[1])
-    kernel.operator = Operator(
-        scenario, config.remote.levels, world, remote.send, lambda now_ns: kernel.gpio.push_edge(*button, now_ns, FALLING)
-    )
     image = folder / "dmp-stand-in.bin"
     image.write_bytes(stand_in_image())
-    return Bench(kernel, world, remote, folder, image, stand_in_sha256())
+    bench = Bench(kernel, world, remote, folder, image, stand_in_sha256(), config_path)
+    bench.injector = Injector(bench, seed)
+    kernel.operator = Operator(
+        scenario, config.remote.levels, world, remote.send, lambda now_ns: kernel.gpio.push_edge(*button, now_ns, FALLING), bench.injector
+    )
+    return bench

@@ -74,7 +74,7 @@ class FakeKernel(Kernel):
             return True
         while True:
             if self._next_ns > deadline:
-                self._wait_until(deadline)
+                self.wait_until(deadline)
                 return bool(self._poll.poll(0))
             self._sample()
             while self._real and self._next_ns <= time.monotonic_ns():
@@ -87,7 +87,8 @@ class FakeKernel(Kernel):
         return (edge_ns - self._start_ns) // SAMPLE_NS
 
     # -- the world behind --------------------------------------------------------------------------------------------
-    def _wait_until(self, moment_ns: int) -> None:
+    def wait_until(self, moment_ns: int) -> None:
+        """Lets time pass, without the world."""
         if not self._real:
             self._now_ns = max(self._now_ns, moment_ns)
             return
@@ -95,10 +96,17 @@ class FakeKernel(Kernel):
         if remaining > 0:
             time.sleep(remaining * 1e-9)
 
+    def stall(self, seconds: float) -> None:
+        """The caller is kept from going on, busy in real time, while the world moves."""
+        end_ns = self.monotonic_ns() + round(seconds * 1e9)
+        while self._real and time.monotonic_ns() < end_ns:
+            pass
+        self._pass_until(end_ns)
+
     def _pass_until(self, moment_ns: int) -> None:
         while self._next_ns <= moment_ns:
             self._sample()
-        self._wait_until(moment_ns)
+        self.wait_until(moment_ns)
 
     def _sample(self) -> None:
         """One IMU sample: the world moves up to it, then its moment comes, then the chip takes it and raises its line."""
@@ -111,7 +119,7 @@ class FakeKernel(Kernel):
         if world.samples % 40 == 1:
             self.motor_wiring.show_battery(world.battery_raw)
         self._next_ns = due_ns + SAMPLE_NS
-        self._wait_until(due_ns)
+        self.wait_until(due_ns)
         begin = time.perf_counter_ns() if self._real else 0
         if self.chip.sample(world.packet, world.raw):
             self.gpio.push_edge(*self.imu_line, due_ns, FALLING)

@@ -15,7 +15,7 @@ class Wiring:
 
     def __init__(self, config, board, sysfs, gpio):
         self._sysfs, self._gpio = sysfs, gpio
-        self._enable = (GPIO[board.enable[0]], board.enable[1])
+        self.enable_line = (GPIO[board.enable[0]], board.enable[1])
         self._pins = [board.motors[channel] for channel in config.motors.channels]
         self._signs = config.motors.signs
         self._period_ns = 1e9 / config.motor.pwm_frequency_hz
@@ -42,8 +42,8 @@ class Wiring:
         """Level of the enable line; whether its holder still lives is looked up every 20 ms, that costs a system call."""
         self._age = (self._age + 1) % 4
         if self._age == 0 or self._enable_request is None:
-            found = self._gpio.output(*self._enable)
-            self._enable_request = found[0] if found is not None and self._gpio.line_value(*self._enable) else None
+            found = self._gpio.output(*self.enable_line)
+            self._enable_request = found[0] if found is not None and self._gpio.line_value(*self.enable_line) else None
             if self._enable_request is None:
                 return False
             self._enable_bit = found[1]
@@ -72,6 +72,23 @@ class Wiring:
             if count != self._shown[i]:
                 self._shown[i] = count
                 self._sysfs.set_count(self._encoder_index[i], count)
+
+    def count_file(self, wheel: int):
+        """The mapped file of a wheel's counter."""
+        return self._sysfs.counts[self._encoder_index[wheel]]
+
+    def duty_file(self, wheel: int):
+        """The mapped file of a wheel's duty; None before the driver exports it."""
+        return self._sysfs.duty_file(*self._pins[wheel].pwm)
+
+    @property
+    def battery_file(self):
+        """The mapped file of the battery's reading."""
+        return self._sysfs.adc[self._battery_channel]
+
+    def forget_shown(self) -> None:
+        """Shows all counts anew at the next sample, after their files were changed."""
+        self._shown = [None, None, None]
 
     def show_battery(self, raw: int) -> None:
         """Puts the battery's reading into the ADC."""
