@@ -85,7 +85,7 @@ def failing_checks(calibration, devices, minimum_v: float, rate_hz: float, wante
         refusals.append(Refusal("battery_low", f"the battery has {devices.battery_v:.2f} V.", f"Charge it above {minimum_v:g} V."))
     if not devices.remote.centred:
         refusals.append(Refusal("remote_not_centred", "the remote commands motion.", "Let go of stick and buttons."))
-    if any(encoder.errors for encoder in devices.encoders):
+    if any(encoder.failing for encoder in devices.encoders):
         refusals.append(Refusal("encoder_errors", "an encoder cannot be read.", "Run mip-rt doctor."))
     if abs(rate_hz - wanted_hz) > 0.03 * wanted_hz:
         refusals.append(Refusal("rate_wrong", f"the IMU interrupts at {rate_hz:.1f} Hz, not {wanted_hz:g} Hz.", "Check the DMP's image and rate."))

@@ -3,6 +3,7 @@
 import os
 import resource
 import signal as signals
+import threading
 import time
 from pathlib import Path
 
@@ -23,12 +24,16 @@ def cpu_stall(injector, fault):
 
 
 def clock_step(injector, fault):
-    """time.time and time.time_ns are offset; CLOCK_MONOTONIC, by which everything must go, is not."""
+    """time.time and time.time_ns are offset for the loop's thread; CLOCK_MONOTONIC, by which everything must go, is not."""
     fault.hits += 1
-    step_s, step_ns = fault.p.step_s, round(fault.p.step_s * 1e9)
+    step_s, step_ns, thread = fault.p.step_s, round(fault.p.step_s * 1e9), threading.get_ident()
+
+    def offset(call, by):
+        return call() + (by if threading.get_ident() == thread else 0)
+
     removes = (
-        injector.taps.add(time, "time", lambda call: call() + step_s),
-        injector.taps.add(time, "time_ns", lambda call: call() + step_ns),
+        injector.taps.add(time, "time", lambda call: offset(call, step_s)),
+        injector.taps.add(time, "time_ns", lambda call: offset(call, step_ns)),
     )
 
     def undo():

@@ -31,7 +31,7 @@ class Operator:
     def __init__(self, scenario, levels, world, send, press_button, injector):
         self._events = sorted(scenario.events, key=lambda event: event.at_s)
         self._levels = {round(level.yaw_rate_hz, 6): level for level in levels}
-        self._world, self._send, self._press_button = world, send, press_button
+        self._world, self._send, self.press_button = world, send, press_button
         self._next = 0
         self._injector = injector
         self._recoveries = self._recover_at = 0
@@ -73,7 +73,7 @@ class Operator:
         self._recoveries -= 1
         self._recover_at = self._world.samples + RECOVER_EVERY
         self._world.hold()
-        self._press_button(now_ns)
+        self.press_button(now_ns)
 
     def _do(self, event, now_ns: int) -> None:
         if event.fault is not None:
@@ -81,7 +81,7 @@ class Operator:
         if event.press in ("arm", "disarm"):
             if event.press == "arm":
                 self._world.hold()
-            self._press_button(now_ns)
+            self.press_button(now_ns)
         elif event.press == "recover":
             self._recoveries, self._recover_at = RECOVER_PRESSES, self._world.samples
         elif event.press == "heading_reset":

@@ -5,17 +5,17 @@ Without filters the method is the class's own, so a dry run without faults costs
 
 
 class Taps:
-    """Filters by object and method; the newest is asked first."""
+    """Filters by object and method; the newest is asked first, but those that watch from outside always before it."""
 
     def __init__(self):
         self._chains = {}
 
-    def add(self, target, name: str, filter_):
+    def add(self, target, name: str, filter_, outside: bool = False):
         """Puts `filter_(call, *arguments)` in front of target.name; returns a function that takes it away."""
         key = (id(target), name)
         if key not in self._chains:
-            self._chains[key] = (getattr(target, name), name in vars(target), [])
-        original, _, filters = self._chains[key]
+            self._chains[key] = (getattr(target, name), name in vars(target), [], [])
+        filters = self._chains[key][3 if outside else 2]
         filters.append(filter_)
         self._put(target, name)
 
@@ -26,8 +26,8 @@ class Taps:
         return remove
 
     def _put(self, target, name) -> None:
-        original, was_own, filters = self._chains[id(target), name]
-        if not filters:
+        original, was_own, filters, watchers = self._chains[id(target), name]
+        if not filters and not watchers:
             del self._chains[id(target), name]
             if was_own:
                 setattr(target, name, original)
@@ -35,7 +35,7 @@ class Taps:
                 delattr(target, name)
             return
         call = original
-        for filter_ in filters:
+        for filter_ in (*filters, *watchers):
             call = _Filtered(filter_, call)
         setattr(target, name, call)
 

@@ -1,0 +1,134 @@
+"""The one door through which the lab's batches go: a function, its jobs, and an executor of the concurrent.futures interface.
+
+By default that is a pool of processes on this machine's processors; with the address of a Dask scheduler it is that cluster. Give Dask
+workers one thread each: a dry run stops the garbage collector of its process.
+"""
+
+import concurrent.futures
+import contextlib
+import multiprocessing
+import os
+import sys
+import time
+
+from mip_rt.errors import ConfigError
+
+AHEAD = 2  # jobs handed out per worker: enough to keep it busy, few to wait for when the batch stops early
+
+
+@contextlib.contextmanager
+def executor(cluster: str | None = None, workers: int | None = None):
+    """(executor, number of workers).
+
+    Args:
+        cluster: address of a Dask scheduler, such as tcp://host:8786; None for processes on this machine.
+        workers: processes; None for one a processor.
+
+    Raises:
+        ConfigError: dask.distributed is not installed, or the scheduler does not answer.
+    """
+    if cluster is None:
+        count = workers or len(os.sched_getaffinity(0))
+        with concurrent.futures.ProcessPoolExecutor(count, multiprocessing.get_context("spawn")) as pool:
+            yield pool, count
+        return
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise ConfigError("--cluster needs dask.distributed.", "Install it: pip install 'mip-rt[cluster]'", "cluster_missing") from error
+    try:
+        client = Client(cluster, timeout="10s")
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"no Dask scheduler answers at {cluster}: {error}.", "Start one: dask scheduler", "cluster_silent") from error
+    with client:
+        yield client.get_executor(pure=False, retries=0), max(1, len(client.nthreads()))
+
+
+def completed(work, jobs, label: str = "", cluster: str | None = None, workers: int | None = None):
+    """Yields (job, work(job)) in the order of completion, with a progress bar; whoever stops listening stops the batch.
+
+    Args:
+        work: a module's function of one argument.
+        jobs: a sequence.
+
+    Raises:
+        whatever `work` raises.
+    """
+    jobs = list(jobs)
+    waiting = iter(jobs)
+    with executor(cluster, workers) as (pool, count):
+        running = {}
+
+        def hand_out(number):
+            for job, _ in zip(waiting, range(number)):
+                running[pool.submit(work, job)] = job
+
+        bar = Progress(len(jobs), label)
+        try:
+            hand_out(AHEAD * count)
+            while running:
+                done, _ = concurrent.futures.wait(running, return_when=concurrent.futures.FIRST_COMPLETED)
+                for future in done:
+                    job = running.pop(future)
+                    result = future.result()
+                    bar.step()
+                    hand_out(1)
+                    yield job, result
+        finally:
+            bar.close()
+            for future in running:
+                future.cancel()
+
+
+def results(work, jobs, label: str = "", cluster: str | None = None, workers: int | None = None) -> list:
+    """All results, in the order of the jobs."""
+    numbered = list(enumerate(jobs))
+    found = {index: result for (index, _), result in completed(_Numbered(work), numbered, label, cluster, workers)}
+    return [found[index] for index, _ in numbered]
+
+
+class _Numbered:
+    """`work` on the second part of a (number, job) pair."""
+
+    def __init__(self, work):
+        self.work = work
+
+    def __call__(self, job):
+        return self.work(job[1])
+
+
+class Progress:
+    """A progress bar with the time that is left, on standard error where that is a terminal."""
+
+    def __init__(self, total: int, label: str):
+        self._total, self._label, self._done = total, label, 0
+        self._begin = time.monotonic()
+        self._shown = sys.stderr.isatty()
+        self._show()
+
+    def step(self) -> None:
+        """One more is done."""
+        self._done += 1
+        self._show()
+
+    def _show(self) -> None:
+        if not self._shown:
+            return
+        filled = round(30 * self._done / max(self._total, 1))
+        left = ""
+        if self._done:
+            seconds = (time.monotonic() - self._begin) * (self._total - self._done) / self._done
+            left = f"  {int(seconds // 60)}:{int(seconds % 60):02d} left"
+        sys.stderr.write(f"[{'#' * filled}{'.' * (30 - filled)}] {self._done}/{self._total} {self._label}{left}\x1b[K\r")
+        sys.stderr.flush()
+
+    def close(self) -> None:
+        """Leaves the line."""
+        if self._shown:
+            sys.stderr.write("\n")
+
+
+def add_arguments(parser) -> None:
+    """Declares --workers and --cluster."""
+    parser.add_argument("--workers", type=int, metavar="N", help="processes (default: one a processor)")
+    parser.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster instead, for example tcp://host:8786")
