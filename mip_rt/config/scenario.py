@@ -59,7 +59,7 @@ class Scenario:
         """A file that loads to the same scenario."""
         head = yaml.safe_dump({"description": self.description, "duration_s": self.duration_s}, sort_keys=False)
         lines = [yaml.safe_dump(event.as_dict(), sort_keys=False, default_flow_style=True, width=10**6) for event in self.events]
-        return head + "events:\n" + "".join(f"  - {line}" for line in lines)
+        return head + ("events:\n" + "".join(f"  - {line}" for line in lines) if lines else "events: []\n")
 
 
 def shipped() -> dict[str, Path]:

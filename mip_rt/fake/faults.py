@@ -67,7 +67,7 @@ def _probability(default: float = 1.0, draw: tuple = (0.05, 1.0)) -> Field:
 BURST = DrawnInteger(1, "Strikes in a row, once it strikes.", low=1, high=100000, draw=(1, 6))
 WHEEL = DrawnInteger(1, "Which wheel.", low=1, high=3, draw=(1, 3))
 STRIKES = {"for_s": _for(), "probability": _probability(), "burst": BURST}
-SELDOM = {**STRIKES, "probability": _probability(0.02, (0.01, 0.3))}
+SELDOM = {**STRIKES, "for_s": _for(1.0), "probability": _probability(0.05, (0.01, 0.3))}
 AXIS = Choice("x", "Which axis of the chip.", choices=("x", "y", "z"))
 
 

@@ -83,10 +83,11 @@ def config_changed(injector, fault):
     path = injector.bench.config_path
     if path is None:
         raise ConfigError("the fault config_changed overwrites the configuration file.", "Name a copy with --config.", "scenario_fault")
-    whole = Path(path).read_bytes()
+    if injector.config_text is None:
+        injector.config_text = Path(path).read_bytes()
     Path(path).write_bytes(b"limits: {duty: 17, tip_rad: .nan}\n\xff\x00")
     fault.hits += 1
-    return lambda: Path(path).write_bytes(whole)
+    return lambda: Path(path).write_bytes(injector.config_text)
 
 
 def signal(injector, fault):

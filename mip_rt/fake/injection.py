@@ -56,6 +56,7 @@ class Injector:
         taps: fake.taps.Taps, also for whoever wants to watch the boundary.
         count_offset: (wheel: counts) by which the shown encoder counts differ from the world's for good.
         stalls: list of (begin_ns, end_ns) in which the loop could not run.
+        config_text: what the configuration file held before it was overwritten.
     """
 
     def __init__(self, bench, seed: int):
@@ -65,6 +66,7 @@ class Injector:
         self.until_ns = NEVER_NS
         self.count_offset = {}
         self.stalls = []
+        self.config_text = None
 
     def begin(self, name: str, parameters: dict, now_ns: int) -> None:
         """A fault begins."""

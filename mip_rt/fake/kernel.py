@@ -27,6 +27,7 @@ class FakeKernel(Kernel):
         real_time: sleep for real, or jump on a virtual clock.
 
     Attributes:
+        start_ns: time of the world's sample 0.
         fake_ns: (rows, 2) time spent in the fakes during each sample's tick, before the loop woke and while it read; the row is
             that of the world's truth. Only in real time.
     """
@@ -34,9 +35,9 @@ class FakeKernel(Kernel):
     def __init__(self, root: Path, real_time: bool):
         self.root = Path(root)
         self._real = real_time
-        self._start_ns = time.monotonic_ns() if real_time else 1_000_000_000
-        self._now_ns = self._start_ns
-        self._next_ns = self._start_ns + SAMPLE_NS
+        self.start_ns = time.monotonic_ns() if real_time else 1_000_000_000
+        self._now_ns = self.start_ns
+        self._next_ns = self.start_ns + SAMPLE_NS
         self._prepared = False
         self._poll = select.poll()
         self._polled = set()
@@ -84,7 +85,7 @@ class FakeKernel(Kernel):
 
     def sample_of(self, edge_ns: int) -> int:
         """Number of the world's sample that raised the edge with this timestamp."""
-        return (edge_ns - self._start_ns) // SAMPLE_NS
+        return (edge_ns - self.start_ns) // SAMPLE_NS
 
     # -- the world behind --------------------------------------------------------------------------------------------
     def wait_until(self, moment_ns: int) -> None:
@@ -112,7 +113,7 @@ class FakeKernel(Kernel):
         """One IMU sample: the world moves up to it, then its moment comes, then the chip takes it and raises its line."""
         due_ns = self._next_ns
         enabled = self.motor_wiring.read(self._duty)
-        self.operator.sample((due_ns - self._start_ns) * 1e-9, due_ns, enabled)
+        self.operator.sample((due_ns - self.start_ns) * 1e-9, due_ns, enabled)
         world = self.world
         world.advance(self._duty, enabled)
         self.motor_wiring.show_encoders(world.counts)

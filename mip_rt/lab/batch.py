@@ -60,7 +60,7 @@ def completed(work, jobs, label: str = "", cluster: str | None = None, workers: 
         running = {}
 
         def hand_out(number):
-            for job, _ in zip(waiting, range(number)):
+            for _, job in zip(range(number), waiting):
                 running[pool.submit(work, job)] = job
 
         bar = Progress(len(jobs), label)

@@ -9,6 +9,7 @@ import ctypes
 import numpy as np
 
 from mip_rt.fake.kernel import SAMPLE_NS
+from mip_rt.hardware.gpio import SET_VALUES_V1, SET_VALUES_V2
 
 COLUMNS = ("tick", "edge_ns", "state", "fault", "limits", "remote_velocity_m_s", "remote_yaw_rate_rad_s", "duty", "applied_ns")
 PACKET = 32
@@ -29,9 +30,11 @@ class Observation:
         packet: (n, 32) what the chip put into its FIFO.
         delivered: (n,) this packet was read in full.
         presses: sample numbers of the arm button.
+        fell_ns: moments at which the enable line was driven low.
         bytes_sent: sample numbers at which the remote sent something.
         samples: how many there were.
         journal, stalls: of the injector.
+        start_ns: time of sample 0.
         rows: column of the log by name (COLUMNS), and `sample`, the number of each row's sample.
     """
 
@@ -43,7 +46,7 @@ class Observation:
         self.lean_rad = np.zeros(n)
         self.packet = np.zeros((n, PACKET), np.uint8)
         self.delivered = np.zeros(n, bool)
-        self.presses, self.bytes_sent = [], []
+        self.presses, self.bytes_sent, self.fell_ns = [], [], []
         self.journal, self.stalls = bench.injector.journal, bench.injector.stalls
         self.rows, self._parts, self._truth_until = {}, [], 0
         self._watch()
@@ -86,7 +89,20 @@ class Observation:
                 self.bytes_sent.append(world.samples)
             return call(data)
 
+        line, was = kernel.motor_wiring.enable_line, [0]
+
+        def ioctl(call, fd, request, argument, mutate=True):
+            result = call(fd, request, argument, mutate)
+            if request in (SET_VALUES_V1, SET_VALUES_V2):
+                found = kernel.gpio.output(*line)
+                level = found[0].values >> found[1] & 1 if found else 0
+                if was[0] and not level:
+                    self.fell_ns.append(kernel.monotonic_ns())
+                was[0] = level
+            return result
+
         taps.add(world, "advance", advance)
+        taps.add(kernel.gpio, "ioctl", ioctl)
         taps.add(kernel.chip, "sample", sample)
         taps.add(kernel.bus, "i2c_rdwr", transfer, outside=True)
         taps.add(kernel.operator, "press_button", press)
@@ -117,6 +133,7 @@ class Observation:
         self.rows = {name: np.concatenate([part[name] for part in self._parts]) for name in COLUMNS} if self._parts else {}
         if self.rows:
             self.rows["sample"] = np.array([kernel.sample_of(int(edge)) for edge in self.rows["edge_ns"]])
+        self.start_ns = kernel.start_ns
         self.injections = [(i.name, kernel.sample_of(i.begin_ns), min(kernel.sample_of(i.end_ns), self.samples), i.hits) for i in self.journal]
         self.stalled = [(kernel.sample_of(begin), kernel.sample_of(end)) for begin, end in self.stalls]
 

@@ -117,7 +117,7 @@ def finite_and_limited(seen, config) -> int | None:
 def off_unless_balancing(seen, config) -> int | None:
     """In every state but BALANCING the enable line is low and all duties are 0."""
     rows = seen.rows
-    row = _first(seen.enabled[rows["sample"]] & (rows["state"] != State.BALANCING))
+    row = _first((seen.enabled & ~_excused(seen, 0))[rows["sample"]] & (rows["state"] != State.BALANCING))
     return None if row is None else int(rows["sample"][row])
 
 

@@ -1,5 +1,6 @@
 """One run of a campaign, in the process that calls it: dry run on virtual time, promises judged, reactions counted."""
 
+import gc
 import os
 import traceback
 from dataclasses import dataclass, field
@@ -12,6 +13,7 @@ from mip_rt import session as runner
 from mip_rt.errors import MipRtError
 from mip_rt.fake import bench as fake_bench
 from mip_rt.fake.faults import FAULTS
+from mip_rt.fake.kernel import SAMPLE_NS
 from mip_rt.frame import LIMITS
 from mip_rt.lab.observation import Observation
 from mip_rt.lab.promises import FALLEN_RAD, SAMPLE_S, Broken, broken
@@ -21,6 +23,7 @@ from mip_rt.supervisor import FAULT_BY_NUMBER, State
 AFTER = 200  # samples after a fault's end within which a reaction is put down to it
 HARMLESS = ("serial", "clock", "disk", "file")  # whatever happens there, the robot balances on
 EXPLAINED = 2000  # samples
+PRESS_SEEN = 6  # samples within which the loop takes note of the button
 
 
 @dataclass
@@ -83,6 +86,9 @@ def observe(config, scenario, seed: int, duration_s: float, config_path=None):
     session = None
     left = len(os.listdir("/proc/self/fd")) - before
     if left > 0 and _warm:
+        gc.collect()  # sockets of the fakes may wait for it
+        left = len(os.listdir("/proc/self/fd")) - before
+    if left > 0 and _warm:
         found.append(Broken("clean exit", seen.samples * SAMPLE_S, f"{left} descriptors stay open"))
     _warm.append(True)  # what the first run opens for good, such as compiled code, belongs to the process
     return seen, found
@@ -129,8 +135,7 @@ def reactions(seen) -> list[Reaction]:
         last = min(end + AFTER, seen.samples)
         reaction = Reaction(name, begin * SAMPLE_S, bool(seen.enabled[begin]))
         if reaction.armed:
-            off = np.flatnonzero(~seen.enabled[begin : last + 1])
-            reaction.off_s = float(off[0]) * SAMPLE_S if len(off) else None
+            reaction.off_s = _until_off(seen, begin, last)
         a, b = np.searchsorted(rows["sample"], (begin, last + 1))
         if a < b and moving[a]:
             zero = np.flatnonzero(~moving[a:b])
@@ -145,9 +150,23 @@ def reactions(seen) -> list[Reaction]:
     return found
 
 
+def _until_off(seen, begin: int, last: int) -> float | None:
+    """Seconds from a sample to the fall of the enable line, if that was not the operator's wish."""
+    low = np.flatnonzero(~seen.enabled[begin : last + 1])
+    if not len(low):
+        return None
+    fell = begin + int(low[0])
+    if ((seen.presses >= fell - PRESS_SEEN) & (seen.presses < fell)).any():
+        return None
+    begin_ns = seen.start_ns + begin * SAMPLE_NS
+    exact = [fell_ns for fell_ns in seen.fell_ns if begin_ns <= fell_ns <= begin_ns + (fell - begin) * SAMPLE_NS]
+    return (exact[0] - begin_ns) * 1e-9 if exact else (fell - begin) * SAMPLE_S
+
+
 def false_alarms(seen) -> list[tuple]:
     """(seconds, code): faults entered without an injection to explain them, and falls without one."""
     explaining = [(begin, end) for name, begin, end, _ in seen.injections if FAULTS[name].boundary not in HARMLESS]
+    explaining += [(int(press), int(press)) for press in seen.presses if seen.enabled[press]]  # disarmed: it falls
     events = fault_entries(seen)
     down = seen.lean_rad > FALLEN_RAD
     events += [(int(k), "fell") for k in np.flatnonzero(down[1:] & ~down[:-1]) + 1]
