@@ -25,6 +25,9 @@ class Verb(NamedTuple):
 
 VERBS = {
     "config": Verb("mip_rt.config.commands", "check, show, template or document the configuration", "mip-rt config check --config my.yaml"),
+    "replay": Verb("mip_rt.log.replay", "run a log again through the same code; equality is asserted", "mip-rt replay dry-run-hold-seed1.ring"),
+    "log": Verb("mip_rt.log.commands", "look into a log: info, plot, export, tail, diff, spectrum", "mip-rt log info"),
+    "monitor": Verb("mip_rt.monitor.commands", "watch a running loop: terminal, JSON lines or web page", "mip-rt monitor --web"),
     "warm-up": Verb("mip_rt.warm_up", "compile everything and keep it", "mip-rt warm-up"),
     "bench": Verb("mip_rt.lab.bench", "measure costs, estimators, robustness", "mip-rt bench steps"),
     "soak": Verb("mip_rt.lab.soak", "faults at random over hours of virtual time, promises checked", "mip-rt soak --hours 10"),

@@ -53,6 +53,27 @@ def cpu_name() -> str:
     return llvmlite.binding.get_host_cpu_name()
 
 
+def machine_type() -> dict:
+    """What must be the same for the same inputs to give the same bits: processor, compiler, libraries.
+
+    The processor's features decide which multiplications and additions become one instruction, the C library computes sines.
+    """
+    import llvmlite.binding
+
+    try:
+        features = llvmlite.binding.get_host_cpu_features().flatten()
+    except RuntimeError:  # LLVM cannot tell on some ARM kernels; numba then uses the CPU's name alone
+        features = ""
+    return {
+        "machine": platform.machine(),
+        "cpu": cpu_name(),
+        "cpu_features": hashlib.sha256(features.encode()).hexdigest()[:8],
+        "libc": " ".join(platform.libc_ver()),
+        **{name: importlib.metadata.version(name) for name in ("numba", "llvmlite", "numpy")},
+        "compiled": not JIT_DISABLED,
+    }
+
+
 def cache_root() -> Path:
     """Where compiled code is kept: $MIP_RT_CACHE, the service's cache folder, or the user's."""
     for variable in ("MIP_RT_CACHE", "CACHE_DIRECTORY"):

@@ -17,7 +17,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("--seed", metavar="N", type=int, default=1, help="of the dry run's randomness")
     parser.add_argument("--remote", metavar="PTY|FILE|none", help="the remote's port (default: the configuration's, or the scenario's)")
     parser.add_argument("--scenario", metavar="NAME|FILE", default="hold", help="what the dry run's operator does")
-    parser.add_argument("--log", metavar="DIR", help="folder of the log")
+    parser.add_argument("--log", metavar="DIR", help="folder of the log: a dry run keeps its ring there, and the recorder its files")
     parser.add_argument("--json", action="store_true", help="print the summary as one JSON object, and nothing else, on standard output")
 
 
@@ -42,6 +42,7 @@ def run(arguments) -> int:
         raise ConfigError("--speed max needs --dry-run.", "A robot runs in real time.", "arguments")
 
     from mip_rt import session as runner
+    from mip_rt.log.folders import temporary_log_folder
 
     stop = runner.install_signals()
     real_time = arguments.speed == "real"
@@ -54,9 +55,13 @@ def run(arguments) -> int:
         if arguments.remote is None:
             remote = bench.remote.device
     try:
-        folder = arguments.log or (runner.temporary_log_folder() if bench else config.log.folder)
+        # On the robot the ring stays in memory, whatever the recorder's folder: a mapped file on a disk makes the loop wait for it.
+        folder = (arguments.log or temporary_log_folder()) if bench else config.log.folder
+        record_folder = arguments.log or (None if bench else config.log.record_folder)
         name = scenario.name if scenario else ""
-        session = runner.Session(config, bench, folder, remote, arguments.seed, name)
+        session = runner.Session(
+            config, bench, folder, remote, arguments.seed, name, record_folder if config.log.record else None
+        )  # fmt: skip
         if not arguments.json:
             print(runner.banner(session, name, arguments.speed), file=sys.stderr)
         duration = arguments.duration or (scenario.duration_s if scenario else 1e8)

@@ -8,22 +8,22 @@ import math
 import os
 import signal
 import sys
-import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 
-from mip_rt import realtime
+from mip_rt import frame, realtime
 from mip_rt.errors import MipRtError
 from mip_rt.hardware.devices import open_devices
 from mip_rt.hardware.kernel import Kernel
-from mip_rt.log.ring import Ring, header
+from mip_rt.log import recorder_process
+from mip_rt.log.ring import Ring, header, remove_old_rings
 from mip_rt.loop import Loop
 from mip_rt.prearm import Calibration, failing_checks
 from mip_rt.robots import mbbr_setup
 from mip_rt.summary import Summary
-from mip_rt.supervisor import State, Supervisor
+from mip_rt.supervisor import FAULT_BY_NUMBER, State, Supervisor
 
 ABSORB_EVERY = 64  # ticks between looks of the summary
 CHECK_EVERY = 20  # ticks between pre-arm checks
@@ -48,19 +48,40 @@ class Session:
         bench: fake.bench.Bench of a dry run; None on the robot.
         log_folder: where the ring file goes.
         remote_device: the remote's port; None for none.
-        names: (robot, scenario or "") for the log's name.
+        seed, scenario_name: of a dry run, for the log's name.
+        record_folder: where the recorder keeps its files; None for no recorder.
     """
 
-    def __init__(self, config, bench, log_folder: Path, remote_device, seed: int, scenario_name: str = ""):
+    def __init__(
+        self, config, bench, log_folder: Path, remote_device, seed: int, scenario_name: str = "", record_folder: Path | None = None
+    ):
         self.config, self.bench, self.seed = config, bench, seed
         self.kernel = bench.kernel if bench else Kernel()
         self.robot = mbbr_setup.build(config)
         rows = round(config.log.ring_s * config.realtime.rate_hz)
-        stamp = time.strftime("%Y%m%d-%H%M%S")
-        name = f"mip-rt-{stamp}-{os.getpid()}.ring" if not bench else f"dry-run-{scenario_name}-seed{seed}.ring"
-        extra = {"seed": seed, "scenario": scenario_name, "estimators": self.robot.names} if bench else {"estimators": self.robot.names}
-        layout = self.robot.layout
-        self.ring = Ring(Path(log_folder) / name, layout.dtype, rows, header(layout, config.to_yaml(), extra))
+        stamp = f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
+        name = f"dry-run-{scenario_name}-seed{seed}" if bench else f"mip-rt-{stamp}"
+        layout, persistence = self.robot.layout, self.robot.persistence
+        extra = {
+            "estimators": self.robot.names,
+            "state_layout": persistence.layout,
+            "codes": codes(),
+            "calibration": {"gyro_bias_rad_s": self.robot.gyro_bias_rad_s},
+        }
+        if bench:
+            extra |= {"seed": seed, "scenario": scenario_name}
+            if bench.kernel.entrance is not None and remote_device == bench.remote.device:
+                extra["remote_entrance"] = str(bench.kernel.entrance.path)
+        recording = None
+        if record_folder is not None:
+            run_folder = f"{name}-{stamp}" if bench else name
+            recording = recorder_process.settings(config.log, record_folder, run_folder, config.realtime.rate_hz)
+            extra["recording"] = recording
+        description = header(layout, config.to_yaml(), extra, self.kernel.monotonic_ns())
+        if not bench:
+            remove_old_rings(Path(log_folder), "mip-rt-*.ring")
+        self.ring = Ring(Path(log_folder) / f"{name}.ring", layout.dtype, rows, description, persistence.size)
+        self.recorder = recorder_process.RecorderProcess(self.ring, recording)
         self.robot.attach(self.ring.rows)
         self.robot.rehearse()
         image = (bench.image_path, bench.image_sha256) if bench else None
@@ -77,11 +98,13 @@ class Session:
         self.scheduling = realtime.Scheduling()
         self.refusals = []
         self._absorbed = 0
+        self._in_fault = False
 
     def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True) -> dict:
         """Turns the loop for `duration_s` (or until stopped); returns the summary. The motors are off afterwards, however it ends."""
         loop, kernel = self.loop, self.kernel
         try:
+            self.recorder.start()
             if real_time:
                 settings = self.config.realtime
                 self.scheduling = realtime.enter(settings.policy, settings.priority, settings.lock_memory, settings.strict)
@@ -94,13 +117,17 @@ class Session:
             end_ns = kernel.monotonic_ns() + round(min(duration_s, 1e8) * 1e9)
             silent = 0
             while not stop.requested and kernel.monotonic_ns() < end_ns:
-                if not loop.tick():
+                ticked = loop.tick()
+                self._notice_fault(loop.ticks)
+                if not ticked:
                     silent += 1
                     if silent > BOOT_TIMEOUTS and loop.ticks == 0:
                         raise MipRtError("the IMU sends no interrupts.", "Run mip-rt doctor.", "imu_no_interrupt")
                     continue
                 silent = 0
                 self._between_ticks(loop.ticks - 1)
+                if not real_time:
+                    self.recorder.wait_where_time_is_virtual()
                 if live is not None:
                     live.update(self)
         finally:
@@ -109,10 +136,26 @@ class Session:
             realtime.leave()
         self._absorb(loop.ticks)
         self.ring.close()
-        return self.summary.report(
-            self.supervisor.state, self.scheduling.summary(), self.ring.path, self.config.robot, self.robot.controller, self.seed,
+        self.recorder.finish()
+        report = self.summary.report(
+            self.supervisor.state, self.scheduling.summary(), self._log_path(), self.config.robot, self.robot.controller, self.seed,
             self.tipped,
         )  # fmt: skip
+        report["recorder"] = self.recorder.summary()
+        return report
+
+    def _log_path(self) -> Path:
+        """What `mip_rt.log.open` reads this run from: the ring while it holds everything and lasts, otherwise the recorded files."""
+        lasting = self.bench is not None and self.loop.ticks <= self.ring.capacity
+        recorded = self.recorder.summary()
+        return self.ring.path if lasting or not recorded or not recorded["recorded"] else self.recorder.folder
+
+    def _notice_fault(self, tick: int) -> None:
+        """Tells the recorder when the supervisor enters FAULT."""
+        in_fault = self.supervisor.state is State.FAULT
+        if in_fault and not self._in_fault:
+            self.ring.report_fault(self.supervisor.fault.number, tick)
+        self._in_fault = in_fault
 
     @property
     def tipped(self) -> bool:
@@ -123,6 +166,8 @@ class Session:
         state = self.supervisor.state
         if tick % ABSORB_EVERY == ABSORB_EVERY - 1:
             self._absorb(tick + 1)
+        if tick % recorder_process.LOOK_EVERY == 0:
+            self.recorder.look()
         if state is State.BALANCING:
             return
         if state is State.CALIBRATING and not self.calibration.done:
@@ -134,7 +179,7 @@ class Session:
             self.refusals = failing_checks(
                 self.calibration, self.devices, self.config.battery.minimum_v, self._rate_hz(tick), self.config.realtime.rate_hz
             )
-            self.supervisor.why_not_armed = self.refusals
+            self.supervisor.refusals = sum(refusal.check.bit for refusal in self.refusals)
 
     def _rate_hz(self, tick: int) -> float:
         """Interrupt rate over the last 200 ticks; the wanted rate before there are that many."""
@@ -185,6 +230,9 @@ class Live:
             text += f"  {supervisor.fault.code}: {supervisor.fault.sentence}; {supervisor.fault.cure}"
         elif session.refusals and supervisor.state is not State.BALANCING:
             text += f"  not armed: {session.refusals[0].sentence} {session.refusals[0].cure}"
+        trouble = session.recorder.trouble()
+        if trouble:
+            text += f"  {trouble}"
         end = "\x1b[K\r" if self._terminal else "\n"
         os.write(2, (text + end).encode())
 
@@ -198,8 +246,17 @@ def banner(session: Session, scenario: str, speed: str) -> str:
         f"mip-rt: {config.robot} {where}\n"
         f"  estimator {session.robot.names[0]} (shadows: {shadows}), controller {session.robot.controller}, "
         f"{config.realtime.rate_hz:g} Hz\n"
-        f"  log {session.ring.path}"
+        f"  log {session.ring.path}" + (f", recorded to {session.recorder.folder}" if session.recorder.folder else "")
     )
+
+
+def codes() -> dict:
+    """Names of the numbers and bits in the frame, for a log that explains itself: field: {number or bit as text: name}."""
+    return {
+        "state": {str(int(state)): state.name for state in State},
+        "fault": {str(number): fault.code for number, fault in FAULT_BY_NUMBER.items()},
+        "limits": {str(bit): name for name, bit in frame.LIMITS.items()},
+    }
 
 
 def install_signals() -> Stop:
@@ -208,8 +265,3 @@ def install_signals() -> Stop:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, stop)
     return stop
-
-
-def temporary_log_folder() -> Path:
-    """Where a dry run's log goes when nobody says."""
-    return Path(tempfile.gettempdir()) / "mip-rt"

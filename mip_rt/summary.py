@@ -178,4 +178,21 @@ def render(report: dict) -> str:
     if report["faults"]:
         lines.append("faults: " + ", ".join(report["faults"]))
     lines.append(f"log: {report['log']}")
+    lines += render_recorder(report.get("recorder"))
     return "\n".join(lines)
+
+
+def render_recorder(recorder: dict | None) -> list[str]:
+    """What was recorded, and everything that went wrong with it."""
+    if recorder is None:
+        return []
+    line = f"recorder {recorder['state']}: {recorder['recorded']} rows, {recorder['bytes'] / 1e6:.1f} MB in {recorder['folder']}"
+    counts = (
+        ("dropped", "rows lost"), ("torn", "rows torn"), ("backlog", "rows not yet written"), ("errors", "writes refused"),
+        ("files_removed", "oldest files removed"), ("faults_kept", "fault files kept"), ("faults_refused", "fault files refused, remove some"),
+        ("faults_lost", "fault files lost"),
+    )  # fmt: skip
+    told = [f"{recorder[name]} {words}" for name, words in counts if recorder[name]]
+    if recorder["last_error"]:
+        told.append(f"last error: {recorder['last_error']}")
+    return [line] + ([f"  {', '.join(told)}"] if told else [])

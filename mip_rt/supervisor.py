@@ -8,7 +8,7 @@ DISARMED is a press of the arm button, then it must be held upright.
 from enum import IntEnum
 from typing import NamedTuple
 
-from mip_rt import frame
+from mip_rt import frame, prearm
 from mip_rt.hardware.imu_status import IMU_BUS_ERROR, IMU_FROZEN, IMU_OK
 
 
@@ -108,7 +108,7 @@ class Supervisor:
         state: the state in force.
         fault: the last Fault; FAULTS["none"] before the first.
         events: list of (tick, State, fault code) since the start, bounded.
-        why_not_armed: sentences of the pre-arm checks that fail at present.
+        refusals: bits of the pre-arm checks that fail at present (prearm.CHECKS).
         request: bits for frame.request in the next tick.
         drive_scale: soft start, 0 to 1.
     """
@@ -127,7 +127,7 @@ class Supervisor:
         self.state = State.BOOT
         self.fault = FAULTS["none"]
         self.events = []
-        self.why_not_armed = []
+        self.refusals = 0
         self.request = 0
         self.drive_scale = 0.0
         self.calibrated = False
@@ -183,7 +183,7 @@ class Supervisor:
             self._button = False
         if self.calibrated:
             conditions |= C.CALIBRATED
-        if not self.why_not_armed:
+        if not self.refusals & prearm.BLOCKING:
             conditions |= C.READY
         if self._motor_error:
             conditions |= C.MOTOR_ERROR

@@ -5,6 +5,7 @@ import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
+from mip_rt.fake.entrance import Entrance
 from mip_rt.fake.gpio import FakeGpio
 from mip_rt.fake.injection import Injector
 from mip_rt.fake.kernel import FALLING, FakeKernel
@@ -38,6 +39,8 @@ class Bench:
     def close(self) -> None:
         """Releases everything and removes the temporary folder."""
         self.injector.close()
+        if self.kernel.entrance is not None:
+            self.kernel.entrance.close()
         self.remote.close()
         self.kernel.sysfs.close()
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -66,4 +69,6 @@ def build(config, scenario, seed: int, real_time: bool, config_path=None) -> Ben
     kernel.operator = Operator(
         scenario, config.remote.levels, world, remote.send, lambda now_ns: kernel.gpio.push_edge(*button, now_ns, FALLING), bench.injector
     )
+    if real_time:  # on virtual time nobody could follow, and a run must depend on its seed alone
+        kernel.entrance = Entrance(folder / "entrance", kernel.operator, remote.send_bytes)
     return bench

@@ -8,10 +8,10 @@ import concurrent.futures
 import contextlib
 import multiprocessing
 import os
-import sys
 import time
 
 from mip_rt.errors import ConfigError
+from mip_rt.progress import progress
 
 AHEAD = 2  # jobs handed out per worker: enough to keep it busy, few to wait for when the batch stops early
 
@@ -63,19 +63,21 @@ def completed(work, jobs, label: str = "", cluster: str | None = None, workers: 
             for _, job in zip(range(number), waiting):
                 running[pool.submit(work, job)] = job
 
-        bar = Progress(len(jobs), label)
+        done_count, begin = 0, time.monotonic()
         try:
+            progress(0, len(jobs), label)
             hand_out(AHEAD * count)
             while running:
                 done, _ = concurrent.futures.wait(running, return_when=concurrent.futures.FIRST_COMPLETED)
                 for future in done:
                     job = running.pop(future)
                     result = future.result()
-                    bar.step()
+                    done_count += 1
+                    left_s = (time.monotonic() - begin) * (len(jobs) - done_count) / done_count
+                    progress(done_count, len(jobs), f"{label}, {left_s // 60:.0f}:{left_s % 60:02.0f} left")
                     hand_out(1)
                     yield job, result
         finally:
-            bar.close()
             for future in running:
                 future.cancel()
 
@@ -95,37 +97,6 @@ class _Numbered:
 
     def __call__(self, job):
         return self.work(job[1])
-
-
-class Progress:
-    """A progress bar with the time that is left, on standard error where that is a terminal."""
-
-    def __init__(self, total: int, label: str):
-        self._total, self._label, self._done = total, label, 0
-        self._begin = time.monotonic()
-        self._shown = sys.stderr.isatty()
-        self._show()
-
-    def step(self) -> None:
-        """One more is done."""
-        self._done += 1
-        self._show()
-
-    def _show(self) -> None:
-        if not self._shown:
-            return
-        filled = round(30 * self._done / max(self._total, 1))
-        left = ""
-        if self._done:
-            seconds = (time.monotonic() - self._begin) * (self._total - self._done) / self._done
-            left = f"  {int(seconds // 60)}:{int(seconds % 60):02d} left"
-        sys.stderr.write(f"[{'#' * filled}{'.' * (30 - filled)}] {self._done}/{self._total} {self._label}{left}\x1b[K\r")
-        sys.stderr.flush()
-
-    def close(self) -> None:
-        """Leaves the line."""
-        if self._shown:
-            sys.stderr.write("\n")
 
 
 def add_arguments(parser) -> None:

@@ -5,7 +5,8 @@ import pytest
 
 from mip_rt.errors import LogError
 from mip_rt.log import open as open_log
-from mip_rt.log.ring import PREFIX, Ring, header
+from mip_rt.log.ring import Ring, header
+from mip_rt.log.reader import VERSION_1
 from mip_rt.robots.mbbr_frame import FRAME, LAYOUT
 
 
@@ -66,14 +67,34 @@ def test_truncation_anywhere_loses_only_what_was_cut(tmp_path):
         assert log.damage or length == len(data)
 
 
+def state(tick):
+    return np.full(40, tick % 251, np.uint8), np.full(13, tick % 13, np.uint8)
+
+
+def test_kept_states_come_back_whole_and_only_whole(tmp_path):
+    """A replay that starts from a half-written state would report differences that never were."""
+    ring = Ring(tmp_path / "a.ring", FRAME, 16, header(LAYOUT, ""), state_bytes=53, state_rows=4)
+    for tick in range(0, 1200, 200):
+        ring.keep_state(tick, state(tick))
+    log = open_log(tmp_path / "a.ring")
+    assert log.states == {tick: b"".join(map(bytes, state(tick))) for tick in (400, 600, 800, 1000)} and log.damage == []
+    assert log.header["state_bytes"] == 53
+    for wrong in (state(1200)[:1], (*state(1200), state(1200)[0])):
+        with pytest.raises(ValueError, match="53 bytes"):
+            ring.keep_state(1200, wrong)
+        assert set(open_log(tmp_path / "a.ring").states) == {600, 800, 1000}
+    ring.close()
+    assert set(open_log(tmp_path / "a.ring").states) == {600, 800, 1000}
+
+
 def test_not_a_log(tmp_path):
     (tmp_path / "x").write_bytes(b"hello" * 100)
     with pytest.raises(LogError, match="not a mip-rt log"):
         open_log(tmp_path / "x")
-    (tmp_path / "x").write_bytes(PREFIX.pack(b"MIPRTLOG", 99, 0, 0, 0, 0))
+    (tmp_path / "x").write_bytes(VERSION_1.pack(b"MIPRTLOG", 99, 0, 0, 0, 0))
     with pytest.raises(LogError, match="version 99"):
         open_log(tmp_path / "x")
-    (tmp_path / "x").write_bytes(PREFIX.pack(b"MIPRTLOG", 1, 4, 0, 4096, 0) + b"null")
+    (tmp_path / "x").write_bytes(VERSION_1.pack(b"MIPRTLOG", 1, 4, 0, 4096, 0) + b"null")
     with pytest.raises(LogError, match="damaged"):
         open_log(tmp_path / "x")
 

@@ -1,0 +1,233 @@
+"""What is shown of a run: the newest row and the last ten seconds, in the words of the tables that name states, faults, checks and limits.
+
+A robot's own fields are used where the header's table has them. Nothing here knows where rows come from or how they are drawn.
+"""
+
+import math
+
+import numpy as np
+import yaml
+
+from mip_rt.frame import LIMIT_SENTENCES, LIMITS
+from mip_rt.prearm import failing
+from mip_rt.summary import STAGES
+from mip_rt.supervisor import FAULT_BY_NUMBER, State
+
+HISTORY_S = 10.0  # what "recent" means: tilt, latencies, limits
+HINTS = {
+    "BOOT": "waiting for the IMU's first good packets",
+    "CALIBRATING": "keep the robot still: its gyro is being measured",
+    "DISARMED": "ready: press the arm button",
+    "ARMING": "hold the robot upright",
+    "FAULT": "press the arm button to acknowledge",
+}
+# Edges of the latency histogram, microseconds: ten a decade, from 1 microsecond to 100 ms.
+HISTOGRAM_US = np.concatenate(([0.0], 10.0 ** np.linspace(0.0, 5.0, 51), [np.inf]))
+
+
+def number(value, digits: int = 5):
+    """A number for JSON, rounded; None where it is not finite, for which JSON has no word."""
+    value = float(value)
+    return round(value, digits) if math.isfinite(value) else None
+
+
+class View:
+    """One run as seen so far.
+
+    Args:
+        header: what the ring says of itself (`log.ring.header`).
+        dtype: record type of its rows.
+
+    Attributes:
+        config: the run's configuration as plain dictionaries.
+        row: newest row, None before the first.
+    """
+
+    def __init__(self, header: dict, dtype: np.dtype):
+        self.header, self.names = header, dtype.names
+        self.config = yaml.load(header["config"], getattr(yaml, "CSafeLoader", yaml.SafeLoader)) or {}
+        self.rate_hz = float(self.config.get("realtime", {}).get("rate_hz", 200.0))
+        self.kept = round(HISTORY_S * self.rate_hz)
+        self.row = None
+        self._estimate = {name: i for i, name in enumerate(header["estimate_names"])}
+        self._origin_ns = 0
+        self._tilt_rad = np.zeros(0)
+        self._latency_us = np.zeros((0, len(STAGES)))
+        self._timing = np.zeros((0, 2), np.int64)  # edge time, missed ticks
+        self._limit_seen_ns = {}
+        self._state_since_ns = self._fault_since_ns = None
+
+    def take(self, rows) -> None:
+        """Takes in rows that follow those taken before."""
+        if not len(rows):
+            return
+        if self.row is None:
+            self._origin_ns = int(rows["edge_ns"][0]) - round(int(rows["tick"][0]) * 1e9 / self.rate_hz)
+        self._note_changes(rows)
+        self.row = rows[-1]
+        self._tilt_rad = np.concatenate((self._tilt_rad, self._tilts(rows)))[-self.kept :]
+        self._latency_us = np.concatenate((self._latency_us, latencies_us(rows)))[-self.kept :]
+        self._timing = np.concatenate((self._timing, np.stack((rows["edge_ns"], rows["missed"]), axis=1)))[-self.kept :]
+
+    def time_s(self, rows):
+        """Seconds since the loop's first tick, for rows or one row."""
+        return (rows["edge_ns"] - self._origin_ns) * 1e-9
+
+    def _note_changes(self, rows) -> None:
+        edges = rows["edge_ns"]
+        for name, bit in LIMITS.items():
+            found = np.flatnonzero(rows["limits"] & bit)
+            if len(found):
+                self._limit_seen_ns[name] = int(edges[found[-1]])
+        for field, since in (("state", "_state_since_ns"), ("fault", "_fault_since_ns")):
+            before = rows[field][0] if self.row is None else self.row[field]
+            changed = np.flatnonzero(np.diff(rows[field], prepend=before))
+            if len(changed):
+                setattr(self, since, int(edges[changed[-1]]))
+
+    def _tilts(self, rows):
+        roll, pitch = self._column(rows, "roll_rad", 0), self._column(rows, "pitch_rad", 1)
+        return np.hypot(roll, pitch)
+
+    def _column(self, rows, name: str, attitude: int):
+        """An angle of the estimator in control; of the DMP where that estimator has no such angle."""
+        if name in self._estimate:
+            return rows["estimates"][..., 0, self._estimate[name]]
+        return rows["attitude_rad"][..., attitude]
+
+    # -- what is shown ---------------------------------------------------------------------------------------------------
+    def show(self) -> dict:
+        """The newest row and what is recent, ready for JSON; names carry the units. Empty before the first row."""
+        row = self.row
+        if row is None:
+            return {}
+        state = _state_name(int(row["state"]))
+        return {
+            "tick": int(row["tick"]),
+            "time_s": number(self.time_s(row), 3),
+            "state": state,
+            "state_s": self._ago_s(self._state_since_ns),
+            "hint": self._hint(state),
+            "why_not_armed": self.why_not_armed(state),
+            "rate_hz": self._rate_hz(),
+            "missed": int(self._timing[:, 1].sum()),
+            "latency_us": self.latency_us(),
+            **self.pose(),
+            "tilt_rad": number(self._tilt_rad[-1]),
+            "tilt_max_rad": number(self._tilt_rad.max()),
+            "velocity_command_m_s": [number(v) for v in row["remote_velocity_m_s"]],
+            "yaw_rate_command_rad_s": number(row["remote_yaw_rate_rad_s"]),
+            "yaw_rate_rad_s": number(row["gyro_rad_s"][2]),
+            "duty": [number(v) for v in row["duty"]],
+            "motors_on": bool(np.any(row["applied_ns"])),
+            "battery_v": number(row["battery_v"], 3),
+            "remote_age_s": number(row["remote_age_s"], 3),
+            "limits": self._limits(),
+            "fault": self._fault(state),
+        }
+
+    def pose(self) -> dict:
+        """Attitude (roll, pitch, yaw), wheel angles and, where the estimates tell it, the position on the floor."""
+        row = self.row
+        attitude = [self._column(row, name, i) for i, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad"))]
+        pose = {
+            "attitude_rad": [number(angle) for angle in attitude],
+            "wheel_angle_rad": [number(angle) for angle in row["wheel_angle_rad"]],
+        }
+        if "ball_angle_x_rad" in self._estimate:
+            angle_x, angle_y = (row["estimates"][0, self._estimate[f"ball_angle_{axis}_rad"]] for axis in "xy")
+            radius_m = self.config["model"]["ball_radius_m"]
+            pose["ball_angle_rad"] = [number(angle_x), number(angle_y)]
+            pose["position_m"] = [number(radius_m * angle_y), number(-radius_m * angle_x)]
+        return pose
+
+    def tilt_history_rad(self):
+        """Tilt of the last ten seconds, oldest first."""
+        return self._tilt_rad
+
+    def why_not_armed(self, state: str) -> list[dict]:
+        """The pre-arm checks that fail while the motors are off; those that only warn say so."""
+        if "refusals" not in self.names or state == State.BALANCING.name:
+            return []
+        return [
+            {"code": check.code, "sentence": check.sentence, "cure": check.cure, "blocks": check.blocks}
+            for check in failing(int(self.row["refusals"]))
+        ]
+
+    def latency_us(self) -> dict:
+        """Median, 99th percentile and maximum of each stage over the last ten seconds."""
+        median, high = np.percentile(self._latency_us, (50.0, 99.0), axis=0)
+        most = self._latency_us.max(axis=0)
+        return {
+            stage: {"p50": number(median[i], 1), "p99": number(high[i], 1), "max": number(most[i], 1)}
+            for i, stage in enumerate(STAGES)
+        }
+
+    def histograms(self) -> dict:
+        """Counts of each stage's latencies of the last ten seconds, by the bins of HISTOGRAM_US."""
+        return {stage: np.histogram(self._latency_us[:, i], HISTOGRAM_US)[0].tolist() for i, stage in enumerate(STAGES)}
+
+    def _hint(self, state: str) -> str:
+        blocked = [check for check in self.why_not_armed(state) if check["blocks"]]
+        if blocked and state != "FAULT":
+            return f"{blocked[0]['sentence']} {blocked[0]['cure']}"
+        return HINTS.get(state, "")
+
+    def _ago_s(self, since_ns):
+        return None if since_ns is None else number((int(self.row["edge_ns"]) - since_ns) * 1e-9, 1)
+
+    def _rate_hz(self):
+        edges, missed = self._timing[:, 0], self._timing[1:, 1]
+        span_ns = int(edges[-1] - edges[0])
+        return number((len(missed) + int(missed.sum())) * 1e9 / span_ns, 2) if span_ns > 0 else None
+
+    def _limits(self) -> list[dict]:
+        """Limits in force (ago_s 0) and those of the last ten seconds, newest first."""
+        ages = {name: self._ago_s(seen) for name, seen in self._limit_seen_ns.items()}
+        recent = sorted((age, name) for name, age in ages.items() if age <= HISTORY_S)
+        now = int(self.row["limits"])
+        return [
+            {"name": name, "sentence": LIMIT_SENTENCES[name], "now": bool(now & LIMITS[name]), "ago_s": age} for age, name in recent
+        ]
+
+    def _fault(self, state: str):
+        """The last fault, None where there was none."""
+        fault = FAULT_BY_NUMBER.get(int(self.row["fault"]))
+        if int(self.row["fault"]) == 0:
+            return None
+        if fault is None:
+            return {"code": f"fault {int(self.row['fault'])}", "sentence": "not known to this version", "cure": "", "active": state == "FAULT",
+                    "ago_s": self._ago_s(self._fault_since_ns)}  # fmt: skip
+        return {"code": fault.code, "sentence": fault.sentence, "cure": fault.cure, "active": state == "FAULT",
+                "ago_s": self._ago_s(self._fault_since_ns)}  # fmt: skip
+
+
+def _state_name(value: int) -> str:
+    try:
+        return State(value).name
+    except ValueError:
+        return f"STATE {value}"
+
+
+def latencies_us(rows):
+    """(n, 5) microseconds of each row's stages, in the order of STAGES. A dry run's contain the time that its fakes take."""
+    edge, wake, read = rows["edge_ns"], rows["wake_ns"], rows["read_ns"]
+    step, write = rows["step_ns"], rows["write_ns"]
+    return np.stack((wake - edge, read - wake, step - read, write - step, write - edge), axis=1) / 1000.0
+
+
+def series(header: dict) -> dict[str, tuple]:
+    """Every single number of a row by name: field or field[i, j] -> (field, index, unit, meaning). Bytes are left out."""
+    found = {}
+    for field in header["fields"]:
+        if field["dtype"] == "|u1":
+            continue
+        for index in np.ndindex(*field["shape"]):
+            label = f"{field['name']}[{','.join(map(str, index))}]" if index else field["name"]
+            found[label] = (field["name"], index, field["unit"], field["meaning"])
+    return found
+
+
+def values(rows, field: str, index: tuple):
+    """(n,) numbers of one series."""
+    return rows[field][(slice(None), *index)]
