@@ -94,6 +94,8 @@ class _Bus:
 
     def __init__(self):
         self.count, self.data = 0, b""
+        self.prepare = lambda *messages: messages
+        self.transfer = lambda prepared: self.i2c_rdwr(*prepared)
 
     def i2c_rdwr(self, request, reply):
         """Count, or FIFO; a FIFO that runs out repeats."""

@@ -18,11 +18,11 @@ def mip_rt(*arguments):
 
 
 def test_a_campaign_keeps_all_promises_and_counts(tmp_path):
-    result = mip_rt("soak", "--hours", 0.2, "--seed", 40, "--json", "--out", tmp_path)
+    result = mip_rt("soak", "--hours", 0.1, "--seed", 40, "--json", "--out", tmp_path)
     assert result.returncode == 0, result.stderr
     report = json.loads(result.stdout)
-    assert report["runs"] == 3 and report["seeds"] == [40, 42] and report["simulated_hours"] > 0.2
-    assert report["injected"] == sum(row["injected"] for row in report["faults"].values()) > 60
+    assert report["runs"] == 2 and report["seeds"] == [40, 41] and report["simulated_hours"] > 0.1
+    assert report["injected"] == sum(row["injected"] for row in report["faults"].values()) > 40
     assert report["broken"] == [] and report["false_alarms"] == []
 
 
@@ -74,6 +74,7 @@ def test_a_batch_stops_with_its_listener_and_passes_errors_on():
         batch.results(refuse, range(5), workers=1)
 
 
+@pytest.mark.slow
 def test_a_silent_cluster_is_refused():
     pytest.importorskip("distributed")
     from mip_rt.errors import ConfigError
