@@ -76,7 +76,7 @@ def _read_version_1(path: Path, data, check: bool) -> Log:
     try:
         description = json.loads(data[VERSION_1.size : VERSION_1.size + text_bytes])
         dtype = record_type(description)
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         return without_header(path, f"the header is damaged: {error}")
     damage = []
     frames = _rows(data, dtype, rows_at, rows, rows_at + rows * dtype.itemsize, damage)
@@ -90,7 +90,7 @@ VERSIONS = {1: _read_version_1, 2: _read_version_2}
 
 def _rows(data, dtype, at: int, rows: int, size: int, damage: list):
     """Committed frames in order of tick; the writer may be at work."""
-    present = max(0, min(rows, (len(data) - at) // dtype.itemsize))
+    present = max(0, min(rows, (len(data) - at) // dtype.itemsize)) if at < len(data) else 0
     if len(data) != size:
         damage.append(f"the file has {len(data)} of {size} bytes, room for {present} of {rows} rows")
     table = np.frombuffer(data, dtype, present, at) if present else np.zeros(0, dtype)
