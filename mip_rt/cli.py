@@ -12,7 +12,7 @@ from mip_rt import __version__
 from mip_rt.errors import ConfigError, MipRtError
 
 EXIT_CODES = """exit codes: 0 clean stop, 1 the robot fell or ended in a fault, 2 bad arguments or configuration,
-3 a device refused"""
+3 a device refused, 4 this is no BeagleBone"""
 
 
 class Verb(NamedTuple):
@@ -73,7 +73,7 @@ def main(argv=None) -> int:
         return 2
     except MipRtError as error:
         print(error, file=sys.stderr)
-        return 3
+        return 4 if error.code == "board_unknown" else 3
 
 
 if __name__ == "__main__":

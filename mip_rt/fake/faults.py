@@ -154,7 +154,9 @@ FAULTS = {
     "serial_error": FaultKind("faults_io", "serial", {"for_s": _for(2.0, (0.1, 3.0))}, ZERO, 0.5, "reading the port gives EIO: the device is gone"),
     # -- processor, clock, files
     "cpu_stall": FaultKind("faults_process", "CPU", {"stall_s": _number(0.012, "How long the loop does not run.", "s", 0.0, 60.0, (0.001, 0.3))}, RIDES,
-                           0.0, "the loop does not run, the world does"),
+                           0.0, "the loop does not run for a moment, the world does"),
+    "cpu_hung": FaultKind("faults_process", "CPU", {"stall_s": _number(0.5, "How long the loop does not run.", "s", 0.0, 60.0, (0.1, 1.0))}, OFF, 0.1,
+                          "the loop hangs: the guard drops the enable line"),
     "clock_step": FaultKind("faults_process", "clock", {"for_s": _for(2.0, (0.1, 3.0)), "step_s": _number(-3600.0, "By how much.", "s", -1e9, 1e9,
                             (-1e6, 1e6))}, RIDES, 0.0, "the realtime clock is set to another time"),
     "disk_full": FaultKind("faults_process", "disk", {"for_s": _for(2.0, (0.1, 3.0))}, RIDES, 0.0,

@@ -118,11 +118,10 @@ def pwm_refused(injector, fault):
 def direction_refused(injector, fault):
     """EIO for every output line but the enable line."""
     kernel = injector.bench.kernel
-    bank, offset = kernel.motor_wiring.enable_line
-    enable = kernel.gpio.output(bank, offset)
+    enable_line = kernel.motor_wiring.enable_line
 
     def ioctl(call, fd, request, argument, mutate=True):
-        if request in (SET_VALUES_V1, SET_VALUES_V2) and enable is not None and fd != enable[0].fd:
+        if request in (SET_VALUES_V1, SET_VALUES_V2) and not kernel.gpio.drives(fd, *enable_line):
             fault.hits += 1
             raise OSError(errno.EIO, "injected")
         return call(fd, request, argument, mutate)

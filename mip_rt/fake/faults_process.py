@@ -23,6 +23,9 @@ def cpu_stall(injector, fault):
     remove = injector.taps.add(injector.bench.kernel, "wait_readable", wait)
 
 
+cpu_hung = cpu_stall
+
+
 def clock_step(injector, fault):
     """time.time and time.time_ns are offset for the loop's thread; CLOCK_MONOTONIC, by which everything must go, is not."""
     fault.hits += 1
@@ -104,7 +107,11 @@ def signal(injector, fault):
 
 
 def child_killed(injector, fault):
-    """SIGKILL to every child whose command line contains the name."""
+    """SIGKILL to every child whose command line contains the name; on virtual time the guard is no process, and dies in its way."""
+    guard = injector.bench.kernel.guard
+    if guard is not None and fault.p.name == "guard":
+        guard.kill()
+        fault.hits += 1
     for pid in children(fault.p.name):
         os.kill(pid, signals.SIGKILL)
         fault.hits += 1

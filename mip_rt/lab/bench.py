@@ -1,4 +1,4 @@
-"""The verb `mip-rt bench`: what things cost, how well the estimators do, what the controller survives."""
+"""The verb `mip-rt bench`: what things cost, how well the estimators do, what the controller survives, how fast the guard is."""
 
 import json
 import tempfile
@@ -117,15 +117,15 @@ def speed(quick: bool) -> dict:
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness"),
-                        help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors")  # fmt: skip
+    parser.add_argument("what", choices=("steps", "estimators", "robustness", "guard"),
+                        help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; enable line after a kill or hang")  # fmt: skip
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--quick", action="store_true", help="fewer seeds or ticks")
+    parser.add_argument("--quick", action="store_true", help="fewer seeds, ticks or runs")
     batch.add_arguments(parser)
 
 
 def run(arguments) -> int:
-    """Exit code 1 where a robustness draw fell."""
+    """Exit code 1 where a robustness draw fell or the enable line fell too late."""
     if arguments.what == "estimators":
         table = estimators(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(table)) if arguments.json else print_estimators(table)
@@ -133,6 +133,10 @@ def run(arguments) -> int:
         found = robustness(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(found)) if arguments.json else print_robustness(found)
         return int(any(entry[2] for draws in found.values() for entry in draws))
+    elif arguments.what == "guard":
+        from mip_rt.lab import guard_drop
+
+        return guard_drop.report(guard_drop.measure(5 if arguments.quick else 100, progress), arguments.json)
     else:
         figures = speed(arguments.quick)
         if arguments.json:

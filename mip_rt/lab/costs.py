@@ -27,6 +27,7 @@ from mip_rt.supervisor import State
 
 PACKETS = 8
 FIOCLEX = 0x5451  # an ioctl without effect here
+GUARD_EVERY = 16  # ticks between looks of the guard, which is no part of the tick but must not seem dead
 
 
 @njit
@@ -73,7 +74,15 @@ def stubbed_loop():
     kernel.wait_readable = lambda fd, timeout_s: real.wait_readable(readable[0], timeout_s)
     kernel.monotonic_ns = time.monotonic_ns
     edge = (kernel._now_ns, 2, 1)
-    loop.devices.imu_line.read = lambda: edge
+    looks = itertools.cycle([True] + [False] * (GUARD_EVERY - 1))
+
+    def read_edge():
+        if next(looks):
+            bench.guard.step(time.monotonic_ns())
+        return edge
+
+    bench.guard.jump(time.monotonic_ns())
+    loop.devices.imu_line.read = read_edge
     return loop, bench
 
 

@@ -89,13 +89,13 @@ class Observation:
                 self.bytes_sent.append(world.samples)
             return call(data)
 
-        line, was = kernel.motor_wiring.enable_line, [0]
+        address, offset = kernel.motor_wiring.enable_line
+        levels, was = kernel.gpio.bank(address).levels, [0]
 
         def ioctl(call, fd, request, argument, mutate=True):
             result = call(fd, request, argument, mutate)
             if request in (SET_VALUES_V1, SET_VALUES_V2):
-                found = kernel.gpio.output(*line)
-                level = found[0].values >> found[1] & 1 if found else 0
+                level = levels[offset]
                 if was[0] and not level:
                     self.fell_ns.append(kernel.monotonic_ns())
                 was[0] = level

@@ -2,7 +2,7 @@
 
 Each is a function of an Observation and the configuration that returns the sample at which it was broken first, or None; a reaction is
 allowed one sample more than its bound, because the boundary is looked at every 5 ms. While the loop is kept from running (`stalled`) it can promise
-nothing: that is the guard process's clause, which is tested in real time. Its own bounds begin anew when it runs again.
+nothing: the guard takes over, which promises 0.1 s. The loop's own bounds begin anew when it runs again.
 """
 
 import math
@@ -15,6 +15,7 @@ from mip_rt.supervisor import State
 SAMPLE_S = 0.005
 IMU_LOST = 10  # samples: 50 ms
 TIPPED = 2
+HUNG = 20  # 100 ms
 REMOTE_SILENT = 100  # 0.5 s
 FALLEN_RAD = math.radians(60.0)
 LYING = 30  # samples within which a robot that truly lies must be off
@@ -40,10 +41,10 @@ def _last_true(flags) -> np.ndarray:
 
 
 def _excused(seen, margin: int) -> np.ndarray:
-    """(n,) true from the begin of each stall until `margin` samples after it."""
+    """(n,) true from the begin of each stall until `margin` samples after it, but no longer than the guard's bound."""
     excused = np.zeros(len(seen.enabled), bool)
     for begin, end in seen.stalled:
-        excused[begin : end + margin + 2] = True
+        excused[begin : min(end + margin, begin + HUNG) + 2] = True
     return excused
 
 
@@ -121,7 +122,16 @@ def off_unless_balancing(seen, config) -> int | None:
     return None if row is None else int(rows["sample"][row])
 
 
+def off_when_hung(seen, config) -> int | None:
+    """The enable line is low 100 ms after the loop has stopped to run."""
+    hung = np.zeros(len(seen.enabled), bool)
+    for begin, end in seen.stalled:
+        hung[begin + HUNG + 1 : end + 1] = True
+    return _first(seen.enabled & hung)
+
+
 PROMISES = {
+    "hung": off_when_hung,
     "imu lost": off_without_imu,
     "tipped": off_when_tipped,
     "remote silent": still_without_remote,

@@ -66,7 +66,7 @@ def observe(config, scenario, seed: int, duration_s: float, config_path=None):
     """(Observation, list of Broken): a whole run and what of its end was not clean."""
     found = []
     before = len(os.listdir("/proc/self/fd"))
-    bench = fake_bench.build(config, scenario, seed, False, config_path)
+    bench = fake_bench.build(config, scenario, seed, False, config_path=config_path)
     try:
         seen = Observation(bench, len(config.motors.channels), duration_s)
         session = None

@@ -135,6 +135,13 @@ def test_a_recovering_operator_acknowledges_lifts_and_arms(tmp_path):
         assert np.abs(dry.row["attitude_rad"][:2]).max() < 0.2
 
 
+def test_the_death_of_the_guard_switches_off(tmp_path):
+    with DryRun(tmp_path, scenario=script((4.0, "child_killed", {"name": "guard"}))) as dry:
+        dry.until(lambda: dry.motors_on(), 4.0)
+        dry.until(lambda: dry.bench.injector.journal, 4.0)
+        assert dry.until(lambda: not dry.motors_on(), 0.2) <= 0.1
+
+
 @pytest.mark.slow
 def test_stalls_are_real_in_real_time(tmp_path):
     """In real time a stalled loop is really kept from running."""

@@ -87,7 +87,12 @@ def _enabled_in_fault(seen):
     seen.enabled[seen.rows["sample"][row]] = True
 
 
+def _hangs_enabled(seen):
+    seen.stalled = [(at(4.5), at(5.0))]
+
+
 @pytest.mark.parametrize("damage, promise", [
+    (_hangs_enabled, "hung"),
     (_enabled_without_imu, "imu lost"), (_enabled_when_tipped, "tipped"), (_enabled_when_lying, "tipped"), (_remote_goes_on, "remote silent"),
     (_remote_too_fast, "remote silent"), (_remote_not_a_number, "remote silent"), (_arms_by_itself, "gesture"), (_arms_after_one_press, "gesture"),
     (_not_finite, "duty"), (_too_much, "duty"), (_too_much_at_the_driver, "duty"), (_enabled_in_fault, "off"),
