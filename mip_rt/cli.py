@@ -11,7 +11,7 @@ from typing import NamedTuple
 from mip_rt import __version__
 from mip_rt.errors import ConfigError, MipRtError
 
-EXIT_CODES = """exit codes: 0 clean stop, 1 the robot fell or ended in a fault, 2 bad arguments or configuration,
+EXIT_CODES = """exit codes: 0 clean stop, 1 the robot fell or ended in a fault (replay: something differs), 2 bad arguments or configuration,
 3 a device refused, 4 this is no BeagleBone"""
 
 

@@ -198,10 +198,10 @@ class Session:
 
     def _rate_hz(self, tick: int) -> float:
         """Interrupt rate over the last 200 ticks; the wanted rate before there are that many."""
-        span = min(tick, 200)
+        rows, n = self.ring.rows, self.ring.capacity
+        span = min(tick, 200, n - 1)
         if span < 50:
             return self.config.realtime.rate_hz
-        rows, n = self.ring.rows, self.ring.capacity
         return span * 1e9 / float(rows["edge_ns"][tick % n] - rows["edge_ns"][(tick - span) % n])
 
     def _absorb(self, until: int) -> None:

@@ -117,15 +117,16 @@ def speed(quick: bool) -> dict:
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness", "guard"),
-                        help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; enable line after a kill or hang")  # fmt: skip
+    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard"),
+                        help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; cost of the log in the "
+                        "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang")  # fmt: skip
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--quick", action="store_true", help="fewer seeds, ticks or runs")
     batch.add_arguments(parser)
 
 
 def run(arguments) -> int:
-    """Exit code 1 where a robustness draw fell or the enable line fell too late."""
+    """Exit code 1 where a robustness draw fell, a log lost more than it may, or the enable line fell too late."""
     if arguments.what == "estimators":
         table = estimators(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(table)) if arguments.json else print_estimators(table)
@@ -133,10 +134,14 @@ def run(arguments) -> int:
         found = robustness(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(found)) if arguments.json else print_robustness(found)
         return int(any(entry[2] for draws in found.values() for entry in draws))
-    elif arguments.what == "guard":
-        from mip_rt.lab import guard_drop
+    elif arguments.what.startswith("log"):
+        from mip_rt.lab import log_costs, log_damage
 
-        return guard_drop.report(guard_drop.measure(5 if arguments.quick else 100, progress), arguments.json)
+        module = log_costs if arguments.what == "log" else log_damage
+        figures = module.report(arguments.quick, progress)
+        progress(1, 1, "")
+        print(json.dumps(figures)) if arguments.json else module.render(figures)
+        return int(module is log_damage and not log_damage.passed(figures))
     else:
         figures = speed(arguments.quick)
         if arguments.json:

@@ -60,7 +60,7 @@ def stubbed_loop():
             packets.append(bytes(bench.world.packet))
     kernel, imu, readable = bench.kernel, loop.devices.imu, os.pipe()
     os.write(readable[1], b"x")
-    turn, lone = itertools.cycle(packets), imu._packets[0]
+    turn, lone, guard_turn = itertools.cycle(packets), imu._packets[0], itertools.cycle(range(GUARD_EVERY))
     count = I2cBus.prepare(*imu._kept[:2])  # the structure that the real driver hands to the kernel
 
     def transfer(prepared):
@@ -74,10 +74,9 @@ def stubbed_loop():
     kernel.wait_readable = lambda fd, timeout_s: real.wait_readable(readable[0], timeout_s)
     kernel.monotonic_ns = time.monotonic_ns
     edge = (kernel._now_ns, 2, 1)
-    looks = itertools.cycle([True] + [False] * (GUARD_EVERY - 1))
 
     def read_edge():
-        if next(looks):
+        if next(guard_turn) == 0:
             bench.guard.step(time.monotonic_ns())
         return edge
 

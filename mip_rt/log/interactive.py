@@ -38,7 +38,7 @@ def figure(page: Page):
     height = TOP_PX + band_px + count * (PANEL_PX + GAP_PX) + 60
     titles = [""] * columns
     for row in range(count):
-        titles += [f"{c[row].title} ({c[row].unit})" if row < len(c) else "" for c in page.columns]
+        titles += [f"{c[row].title} ({c[row].unit})" for c in page.columns if row < len(c)]  # an empty cell takes no title
     sheet = subplots.make_subplots(
         rows=count + 1, cols=columns, shared_xaxes="all", row_heights=[band_px, *[PANEL_PX] * count], subplot_titles=titles,
         vertical_spacing=GAP_PX / (height - TOP_PX), horizontal_spacing=0.05,

@@ -1,13 +1,11 @@
 """A log as read: what every reader returns."""
 
-import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-NUMBERS = re.compile(r"[<|][iuf][1248]")
-NO_ROWS = np.dtype([("sequence", "<i8"), ("tick", "<i8")])  # of a log whose header is lost
+from mip_rt import frame
 
 
 @dataclass
@@ -44,18 +42,13 @@ def record_type(description: dict) -> np.dtype:
     Raises:
         ValueError, KeyError, TypeError: the table is not one, or disagrees with the row size.
     """
-    for f in description["fields"]:  # numpy would take much else for a type, objects and records among them
-        if not NUMBERS.fullmatch(f["dtype"]) or not all(isinstance(length, int) and 0 < length < 4096 for length in f["shape"]):
-            raise ValueError(f"{f['name']!r} is not of numbers")
     fields = [(f["name"], f["dtype"], tuple(f["shape"])) if f["shape"] else (f["name"], f["dtype"]) for f in description["fields"]]
     dtype = np.dtype(fields, align=True)
-    if any(dtype.fields.get(name, (None,))[0] != np.dtype("<i8") for name in NO_ROWS.names):
-        raise ValueError("the field table has no sequence and tick")
     if dtype.itemsize != description["row_bytes"]:
         raise ValueError("field table and row size disagree")
     return dtype
 
 
 def without_header(path: Path, sentence: str) -> Log:
-    """The log of a file that is one, but does not say what its rows are."""
-    return Log(path, {}, np.zeros(0, NO_ROWS), [sentence])
+    """The log of a file that is one, but does not say what its rows are: no frames, with the fields that every robot's have."""
+    return Log(path, {}, np.zeros(0, frame.Layout(0, (), ()).dtype), [sentence])

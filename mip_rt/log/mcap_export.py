@@ -11,10 +11,8 @@ from pathlib import Path
 import numpy as np
 
 from mip_rt import optional
-from mip_rt.frame import LIMITS
-from mip_rt.log import events
+from mip_rt.log.codes import Codes
 from mip_rt.log.columns import estimators, unit_of
-from mip_rt.supervisor import FAULT_BY_NUMBER
 
 # Topic by the beginning of a field's name; the first that fits. Estimates have a topic each.
 TOPICS = (
@@ -110,15 +108,16 @@ class _Topic:
             properties[name] = {**kind, "description": words}
             self.columns[name] = _plain(values)
         if "state" in self.columns:
-            self._add_words(properties, frames)
+            self._add_words(properties, frames, Codes(header))
         self._register(writer, topic, properties)
 
-    def _add_words(self, properties: dict, frames) -> None:
+    def _add_words(self, properties: dict, frames, codes: Codes) -> None:
         """States, faults and limits in words, beside their numbers."""
+        known = codes.limits_in(frames["limits"])
         words = {
-            "state_name": ("supervisor state", [events.state_name(n) for n in frames["state"].tolist()]),
-            "fault_code": ("code of the fault", [FAULT_BY_NUMBER[n].code if n in FAULT_BY_NUMBER else str(n) for n in frames["fault"].tolist()]),
-            "limit_names": ("what was limited", [" ".join(n for n, bit in LIMITS.items() if v & bit) for v in frames["limits"].tolist()]),
+            "state_name": ("supervisor state", [codes.state(n) for n in frames["state"].tolist()]),
+            "fault_code": ("code of the fault", [codes.fault(n) for n in frames["fault"].tolist()]),
+            "limit_names": ("what was limited", [" ".join(n for n, bit in known.items() if word & bit) for word in frames["limits"].tolist()]),
         }
         for name, (meaning, column) in words.items():
             properties[name] = {"type": "string", "description": meaning}

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from mip_rt.log import events
+from mip_rt.log.codes import Codes
 from mip_rt.log.columns import estimators, pick_groups
 from mip_rt.log.configuration import as_dict, flatten
-from mip_rt.supervisor import State
 
 # Okabe and Ito's palette: told apart by colour-blind readers, too.
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
@@ -20,8 +20,7 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
 GREY, PALE = "#8C8C8C", "#C4C4C4"
 SERIES = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION, GREY, BLACK)
 STATE_COLOURS = {
-    State.BOOT: "#D9D9D9", State.CALIBRATING: "#BFBFBF", State.DISARMED: "#E8DFC8", State.ARMING: YELLOW,
-    State.BALANCING: GREEN, State.FAULT: VERMILLION,
+    "BOOT": "#D9D9D9", "CALIBRATING": "#BFBFBF", "DISARMED": "#E8DFC8", "ARMING": YELLOW, "BALANCING": GREEN, "FAULT": VERMILLION,
 }  # fmt: skip
 AXES = {3: "xyz", 2: "xz"}  # names of body commands by their number
 DEGREES = 180.0 / math.pi
@@ -81,11 +80,12 @@ def page(log, times_s, mask, fields: str | None = None) -> Page:
         LogError: a chosen field is not in the log.
     """
     frames, times = log.frames[mask], times_s[mask]
+    codes = Codes(log.header)
     begin, end = times[0], times[-1]
-    found = [fault for fault in events.faults(log.frames, times_s) if begin <= fault["time_s"] <= end]
+    found = [fault for fault in events.faults(log.frames, times_s, codes) if begin <= fault["time_s"] <= end]
     columns = [chosen(log.header, frames, fields)] if fields else standard(log, frames)
     heading = f"{log.path.name}: {begin:.2f} to {end:.2f} s of {times_s[0]:.2f} to {times_s[-1]:.2f} s; estimator {(estimators(log.header) or ['unknown'])[0]}"
-    return Page(heading, verdict(found, frames), times, columns, bands(frames, times), [(fault["time_s"], fault["code"]) for fault in found])
+    return Page(heading, verdict(found, frames), times, columns, bands(frames, times, codes), [(fault["time_s"], fault["code"]) for fault in found])
 
 
 def verdict(faults: list, frames) -> list[str]:
@@ -248,27 +248,27 @@ def _finite(values) -> np.ndarray:
 
 
 # -- bands -------------------------------------------------------------------------------------------------------------
-def bands(frames, times_s) -> list[Band]:
+def bands(frames, times_s, codes: Codes) -> list[Band]:
     """States, then missed ticks, IMU troubles and limits that occur in the rows."""
     step_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.005
     states = frames["state"]
     edges = [0, *(np.flatnonzero(states[1:] != states[:-1]) + 1).tolist(), len(states)]
     spans = [
-        (float(times_s[a]), float(times_s[b - 1]) + step_s, events.state_name(states[a]), STATE_COLOURS.get(int(states[a]), GREY))
+        (float(times_s[a]), float(times_s[b - 1]) + step_s, codes.state(states[a]), STATE_COLOURS.get(codes.state(states[a]), GREY))
         for a, b in zip(edges[:-1], edges[1:], strict=True)
     ]
     found = [Band("state", spans)]
-    for label, mask in _conditions(frames):
+    for label, mask in _conditions(frames, codes):
         found.append(Band(label, [(a, b, label, VERMILLION) for a, b in _runs(mask, times_s, step_s)]))
     return found
 
 
-def _conditions(frames):
+def _conditions(frames, codes: Codes):
     if frames["missed"].any():
         yield "missed ticks", frames["missed"] > 0
-    for name in events.imu_troubles(frames):
-        yield f"IMU {name}", frames["imu_status"] & events.IMU_BITS[name] != 0
-    for name, entry in events.limits(frames).items():
+    for name, entry in events.imu_troubles(frames, codes).items():
+        yield f"IMU {name}", frames["imu_status"] & entry["bit"] != 0
+    for name, entry in events.limits(frames, codes).items():
         yield name, frames["limits"] & entry["bit"] != 0
 
 

@@ -15,7 +15,7 @@ def add_arguments(parser) -> None:
     add_window(parser)
     parser.add_argument("--all", action="store_true", help="the whole log (default: around the last fault, where there was one)")
     parser.add_argument("--fields", metavar="A,B[0]+C", help="panels of these fields; + puts two into one panel. mip-rt log info --fields lists them")
-    parser.add_argument("-o", "--output", metavar="FILE", help="ends in .png or .html (default: beside nothing, LOG.png in this folder)")
+    parser.add_argument("-o", "--output", metavar="FILE", help="ends in .png or .html (default: a .png in the present folder)")
 
 
 def run(arguments) -> int:
@@ -43,8 +43,9 @@ def run(arguments) -> int:
 
 def _look_at_the_fault(arguments, log, times_s) -> None:
     from mip_rt.log import events
+    from mip_rt.log.codes import Codes
 
-    rows = events.fault_rows(log.frames)
+    rows = events.fault_rows(log.frames, Codes(log.header))
     if rows:
         arguments.begin_s = times_s[rows[-1]] - BEFORE_FAULT_S
         arguments.end_s = times_s[rows[-1]] + AFTER_FAULT_S

@@ -3,14 +3,14 @@
 A robot's own fields are used where the header's table has them. Nothing here knows where rows come from or how they are drawn.
 """
 
-import math
-
 import numpy as np
-import yaml
 
 from mip_rt.frame import LIMIT_SENTENCES, LIMITS
+from mip_rt.log.configuration import as_dict
+from mip_rt.log.events import STAGES, stage_ns, state_name
+from mip_rt.monitor import pose
+from mip_rt.monitor.pose import number
 from mip_rt.prearm import failing
-from mip_rt.summary import STAGES
 from mip_rt.supervisor import FAULT_BY_NUMBER, State
 
 HISTORY_S = 10.0  # what "recent" means: tilt, latencies, limits
@@ -23,12 +23,6 @@ HINTS = {
 }
 # Edges of the latency histogram, microseconds: ten a decade, from 1 microsecond to 100 ms.
 HISTOGRAM_US = np.concatenate(([0.0], 10.0 ** np.linspace(0.0, 5.0, 51), [np.inf]))
-
-
-def number(value, digits: int = 5):
-    """A number for JSON, rounded; None where it is not finite, for which JSON has no word."""
-    value = float(value)
-    return round(value, digits) if math.isfinite(value) else None
 
 
 class View:
@@ -45,11 +39,11 @@ class View:
 
     def __init__(self, header: dict, dtype: np.dtype):
         self.header, self.names = header, dtype.names
-        self.config = yaml.load(header["config"], getattr(yaml, "CSafeLoader", yaml.SafeLoader)) or {}
+        self.config = as_dict(header["config"])
         self.rate_hz = float(self.config.get("realtime", {}).get("rate_hz", 200.0))
         self.kept = round(HISTORY_S * self.rate_hz)
         self.row = None
-        self._estimate = {name: i for i, name in enumerate(header["estimate_names"])}
+        self._pose = pose.of_robot(header, self.config)
         self._origin_ns = 0
         self._tilt_rad = np.zeros(0)
         self._latency_us = np.zeros((0, len(STAGES)))
@@ -65,8 +59,10 @@ class View:
             self._origin_ns = int(rows["edge_ns"][0]) - round(int(rows["tick"][0]) * 1e9 / self.rate_hz)
         self._note_changes(rows)
         self.row = rows[-1]
-        self._tilt_rad = np.concatenate((self._tilt_rad, self._tilts(rows)))[-self.kept :]
-        self._latency_us = np.concatenate((self._latency_us, latencies_us(rows)))[-self.kept :]
+        self._pose.follow(rows)
+        self._tilt_rad = np.concatenate((self._tilt_rad, self._pose.tilt_rad(rows)))[-self.kept :]
+        stages_us = np.stack(list(stage_ns(rows).values()), axis=1) / 1000.0
+        self._latency_us = np.concatenate((self._latency_us, stages_us))[-self.kept :]
         self._timing = np.concatenate((self._timing, np.stack((rows["edge_ns"], rows["missed"]), axis=1)))[-self.kept :]
 
     def time_s(self, rows):
@@ -74,34 +70,26 @@ class View:
         return (rows["edge_ns"] - self._origin_ns) * 1e-9
 
     def _note_changes(self, rows) -> None:
-        edges = rows["edge_ns"]
+        edges, states = rows["edge_ns"], rows["state"]
+        seen = int(np.bitwise_or.reduce(rows["limits"]))
         for name, bit in LIMITS.items():
-            found = np.flatnonzero(rows["limits"] & bit)
-            if len(found):
-                self._limit_seen_ns[name] = int(edges[found[-1]])
-        for field, since in (("state", "_state_since_ns"), ("fault", "_fault_since_ns")):
-            before = rows[field][0] if self.row is None else self.row[field]
-            changed = np.flatnonzero(np.diff(rows[field], prepend=before))
-            if len(changed):
-                setattr(self, since, int(edges[changed[-1]]))
-
-    def _tilts(self, rows):
-        roll, pitch = self._column(rows, "roll_rad", 0), self._column(rows, "pitch_rad", 1)
-        return np.hypot(roll, pitch)
-
-    def _column(self, rows, name: str, attitude: int):
-        """An angle of the estimator in control; of the DMP where that estimator has no such angle."""
-        if name in self._estimate:
-            return rows["estimates"][..., 0, self._estimate[name]]
-        return rows["attitude_rad"][..., attitude]
+            if seen & bit:
+                self._limit_seen_ns[name] = int(edges[np.flatnonzero(rows["limits"] & bit)[-1]])
+        changed = np.flatnonzero(np.diff(states, prepend=states[0] if self.row is None else self.row["state"]))
+        if len(changed):
+            self._state_since_ns = int(edges[changed[-1]])
+        # Not where the number changes: the same fault may come again, and the number stays after it was acknowledged.
+        faults = changed[states[changed] == State.FAULT]
+        if len(faults):
+            self._fault_since_ns = int(edges[faults[-1]])
 
     # -- what is shown ---------------------------------------------------------------------------------------------------
     def show(self) -> dict:
-        """The newest row and what is recent, ready for JSON; names carry the units. Empty before the first row."""
+        """The newest row and what is recent but latencies, ready for JSON; names carry the units. Empty before the first row."""
         row = self.row
         if row is None:
             return {}
-        state = _state_name(int(row["state"]))
+        state = state_name(int(row["state"]))
         return {
             "tick": int(row["tick"]),
             "time_s": number(self.time_s(row), 3),
@@ -111,8 +99,7 @@ class View:
             "why_not_armed": self.why_not_armed(state),
             "rate_hz": self._rate_hz(),
             "missed": int(self._timing[:, 1].sum()),
-            "latency_us": self.latency_us(),
-            **self.pose(),
+            **self._pose.show(row),
             "tilt_rad": number(self._tilt_rad[-1]),
             "tilt_max_rad": number(self._tilt_rad.max()),
             "velocity_command_m_s": [number(v) for v in row["remote_velocity_m_s"]],
@@ -125,21 +112,6 @@ class View:
             "limits": self._limits(),
             "fault": self._fault(state),
         }
-
-    def pose(self) -> dict:
-        """Attitude (roll, pitch, yaw), wheel angles and, where the estimates tell it, the position on the floor."""
-        row = self.row
-        attitude = [self._column(row, name, i) for i, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad"))]
-        pose = {
-            "attitude_rad": [number(angle) for angle in attitude],
-            "wheel_angle_rad": [number(angle) for angle in row["wheel_angle_rad"]],
-        }
-        if "ball_angle_x_rad" in self._estimate:
-            angle_x, angle_y = (row["estimates"][0, self._estimate[f"ball_angle_{axis}_rad"]] for axis in "xy")
-            radius_m = self.config["model"]["ball_radius_m"]
-            pose["ball_angle_rad"] = [number(angle_x), number(angle_y)]
-            pose["position_m"] = [number(radius_m * angle_y), number(-radius_m * angle_x)]
-        return pose
 
     def tilt_history_rad(self):
         """Tilt of the last ten seconds, oldest first."""
@@ -192,42 +164,10 @@ class View:
 
     def _fault(self, state: str):
         """The last fault, None where there was none."""
-        fault = FAULT_BY_NUMBER.get(int(self.row["fault"]))
-        if int(self.row["fault"]) == 0:
+        code = int(self.row["fault"])
+        if code == 0:
             return None
-        if fault is None:
-            return {"code": f"fault {int(self.row['fault'])}", "sentence": "not known to this version", "cure": "", "active": state == "FAULT",
-                    "ago_s": self._ago_s(self._fault_since_ns)}  # fmt: skip
-        return {"code": fault.code, "sentence": fault.sentence, "cure": fault.cure, "active": state == "FAULT",
-                "ago_s": self._ago_s(self._fault_since_ns)}  # fmt: skip
-
-
-def _state_name(value: int) -> str:
-    try:
-        return State(value).name
-    except ValueError:
-        return f"STATE {value}"
-
-
-def latencies_us(rows):
-    """(n, 5) microseconds of each row's stages, in the order of STAGES. A dry run's contain the time that its fakes take."""
-    edge, wake, read = rows["edge_ns"], rows["wake_ns"], rows["read_ns"]
-    step, write = rows["step_ns"], rows["write_ns"]
-    return np.stack((wake - edge, read - wake, step - read, write - step, write - edge), axis=1) / 1000.0
-
-
-def series(header: dict) -> dict[str, tuple]:
-    """Every single number of a row by name: field or field[i, j] -> (field, index, unit, meaning). Bytes are left out."""
-    found = {}
-    for field in header["fields"]:
-        if field["dtype"] == "|u1":
-            continue
-        for index in np.ndindex(*field["shape"]):
-            label = f"{field['name']}[{','.join(map(str, index))}]" if index else field["name"]
-            found[label] = (field["name"], index, field["unit"], field["meaning"])
-    return found
-
-
-def values(rows, field: str, index: tuple):
-    """(n,) numbers of one series."""
-    return rows[field][(slice(None), *index)]
+        fault = FAULT_BY_NUMBER.get(code)
+        words = (fault.code, fault.sentence, fault.cure) if fault else (f"fault {code}", "this program does not know the number", "")
+        since = {"active": state == State.FAULT.name, "ago_s": self._ago_s(self._fault_since_ns)}
+        return {**dict(zip(("code", "sentence", "cure"), words, strict=True)), **since}

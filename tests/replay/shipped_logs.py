@@ -27,7 +27,7 @@ from mip_rt.progress import progress
 from mip_rt.robots import mbbr_setup
 
 FOLDER = Path(__file__).parent / "logs"
-LARGEST = 2_000_000  # bytes of all excerpts together
+LARGEST = 1_500_000  # bytes of all excerpts together
 LONGEST_S = 30.0  # of a scenario: what happens later is more of the same
 BEFORE, LENGTH = 4, 28  # ticks of a stretch before its moment and in all
 FILLING = 12  # moments in even distances, where there is room

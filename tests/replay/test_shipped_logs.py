@@ -45,7 +45,7 @@ def test_logs_show_every_phase():
 
 def test_a_changed_constant_shows(monkeypatch):
     """The indicator must indicate."""
-    monkeypatch.setattr(mbbr_setup, "BATTERY_SMOOTHING_RAD_S", mbbr_setup.BATTERY_SMOOTHING_RAD_S * (1.0 + 1e-6))
+    monkeypatch.setattr(mbbr_setup, "BATTERY_SMOOTHING_RAD_S", mbbr_setup.BATTERY_SMOOTHING_RAD_S * 1.1)
     assert any(not replay(logs.open(path))[1].equal for path in FILES)
     name, (config, _) = next(iter(shipped_logs.wanted().items()))
     assert "duty" in shipped_logs.change(name, config)
