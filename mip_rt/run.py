@@ -64,7 +64,7 @@ def run(arguments) -> int:
         if arguments.dry_run:
             from mip_rt.fake import bench as fake_bench
 
-            bench = fake_bench.build(config, scenario, arguments.seed, real_time, machine, guard)
+            bench = fake_bench.build(config, scenario, arguments.seed, real_time, machine, guard, arguments.config)
             if arguments.remote is None:
                 remote = bench.remote.device
         # On the robot the ring stays in memory, whatever the recorder's folder: a mapped file on a disk makes the loop wait for it.
