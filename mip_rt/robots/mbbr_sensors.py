@@ -14,10 +14,12 @@ from mip_rt.compiled import njit
 from mip_rt.controllers import filters
 
 IMU_USABLE = 1  # hardware.imu_status.IMU_OK
+COAST_TICKS = 3  # the attitude is carried on by the last body rates for so long, then it stays
 
 PARAMETERS = np.dtype(
     [
         ("rate_hz", "f8"),
+        ("dt_s", "f8"),
         ("mounting", "f8", (3, 3)),  # body = mounting chip
         ("gyro_scale_rad_s", "f8"),  # per count
         ("accel_scale_m_s2", "f8"),  # per count
@@ -37,6 +39,7 @@ STATE = np.dtype(
         ("count_offset", "i8", (3,)),  # counts taken back after a jump, so that the angle stays continuous
         ("last_count", "i8", (3,)),
         ("started", "i8"),
+        ("coasted", "i8"),  # ticks in a row without a usable packet
     ],
     align=True,
 )
@@ -61,7 +64,10 @@ def _int32(packet, at):
 
 @njit
 def read_imu(p, s, row):
-    """Fills quaternion, attitude, gyro and acceleration of the row; returns True where they are fresh and plausible."""
+    """Fills quaternion, attitude, gyro and acceleration of the row; returns True where they are fresh and plausible.
+
+    Over a lost packet the attitude is carried on by the last body rates, so that neither the gap nor its end is a step.
+    """
     packet = row.imu_packet
     fresh = (row.imu_status & IMU_USABLE) != 0
     if fresh:
@@ -93,6 +99,13 @@ def read_imu(p, s, row):
                 rate += p.mounting[i, k] * _int16(packet, 22 + 2 * k)
             s.gyro_rad_s[i] = rate * p.gyro_scale_rad_s - row.gyro_bias_rad_s[i]
             s.acceleration_m_s2[i] = -force * p.accel_scale_m_s2
+        s.coasted = 0
+    elif s.coasted < COAST_TICKS:
+        s.coasted += 1
+        roll = s.attitude_rad[0]
+        s.attitude_rad[0] += p.dt_s * (s.gyro_rad_s[0] + s.attitude_rad[1] * s.gyro_rad_s[2])  # small lean, as in mbbr_ekf.reset
+        s.attitude_rad[1] += p.dt_s * (s.gyro_rad_s[1] - roll * s.gyro_rad_s[2])
+        s.attitude_rad[2] += p.dt_s * s.gyro_rad_s[2]
     for i in range(3):
         row.attitude_rad[i] = s.attitude_rad[i]
         row.gyro_rad_s[i] = s.gyro_rad_s[i]

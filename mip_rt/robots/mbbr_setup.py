@@ -6,13 +6,13 @@ import numpy as np
 
 from mip_rt import frame
 from mip_rt.compiled import JIT_DISABLED
-from mip_rt.controllers import gain_schedule, reference, state_feedback, wheel_drive
+from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
 from mip_rt.controllers.filters import pole_from_rate
 from mip_rt.errors import ConfigError
 from mip_rt.estimators import mbbr_ekf, mbbr_kf
 from mip_rt.models import mbbr, mbbr_linear, mbbr_yaw
 from mip_rt.robots import mbbr as robot
-from mip_rt.robots import mbbr_frame
+from mip_rt.robots import health, mbbr_frame
 
 # name: (kind, DMP attitude to the controller, model variant or None for the configured one, yaw rotation)
 ESTIMATORS = {
@@ -25,6 +25,7 @@ ESTIMATORS = {
 }
 CONTROLLER = "state_feedback"
 BATTERY_SMOOTHING_RAD_S = 2.0
+BATTERY_HOLD_S = 2.0
 
 
 class Robot:
@@ -147,6 +148,7 @@ def build(config, shadows=None) -> Robot:
     p.dt_s, p.tip_rad = dt_s, config.limits.tip_rad
     p.nominal_voltage_v = config.motor.nominal_voltage_v
     p.battery_pole = pole_from_rate(BATTERY_SMOOTHING_RAD_S, dt_s)
+    p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
     _configure_sensors(p.sensors, config, dt_s)
     _configure_control(p, config, dt_s)
     state = np.zeros(1, robot.STATE).view(np.recarray)
@@ -157,7 +159,7 @@ def build(config, shadows=None) -> Robot:
 
 def _configure_sensors(p, config, dt_s) -> None:
     motor = config.motor
-    p.rate_hz = 1.0 / dt_s
+    p.rate_hz, p.dt_s = 1.0 / dt_s, dt_s
     p.mounting[:] = config.imu.mounting
     p.gyro_scale_rad_s = math.radians(config.imu.gyro_range_dps) / 32768.0
     p.accel_scale_m_s2 = config.imu.accel_range_g * 9.80665 / 32768.0
@@ -176,6 +178,9 @@ def _configure_control(p, config, dt_s) -> None:
     schedule = [(slot.yaw_rate_hz, getattr(c.gain_sets, slot.set)) for slot in c.schedule]
     gain_schedule.configure(p.schedule, schedule, c.blend_rad_s, dt_s)
     state_feedback.configure(p.feedback, dt_s, c.filter_frame, c.lean_limit_rad, c.lean_rate_limit_rad_s)
+    spin_down.configure(p.spin_down, config.limits.spin_down, config.limits.spin_resume)
+    yaw_from_wheel = p.sensors.wheel_ratio * p.sensors.body_from_wheel[2]  # row z: the ball's turn in the body, the opposite of the yaw
+    health.configure(p.health, config, dt_s, yaw_from_wheel)
     d = p.drive
     d.body_from_wheel[:] = p.sensors.body_from_wheel
     d.wheel_ratio = p.sensors.wheel_ratio
