@@ -26,6 +26,7 @@ class Verb(NamedTuple):
 VERBS = {
     "config": Verb("mip_rt.config.commands", "check, show, template or document the configuration", "mip-rt config check --config my.yaml"),
     "warm-up": Verb("mip_rt.warm_up", "compile everything and keep it", "mip-rt warm-up"),
+    "safety": Verb("mip_rt.safety", "print states, transitions, faults, limits and pre-arm checks as Markdown", "mip-rt safety"),
     "bench": Verb("mip_rt.lab.bench", "measure costs, estimators, robustness", "mip-rt bench steps"),
 }
 RUN = Verb("mip_rt.run", "", "mip-rt --dry-run --scenario drive-spin-1.0 --duration 30")

@@ -57,7 +57,7 @@ ALARM_SENTENCES = {
     "lifted": "a wheel runs at more than limits.race_share of its no-load speed for 0.1 s",
     "saturated": "one wheel's command is clipped in the same direction for limits.saturation_s",
     "battery_low": "the smoothed battery voltage is below battery.cutoff_v for 2 s",
-    "overrun": "more ticks were missed than made, smoothed over half a second",
+    "overrun": "more than one tick was missed for every two made, smoothed over half a second",
 }
 ALARMS = {name: 1 << i for i, name in enumerate(ALARM_SENTENCES)}
 for _name, _bit in ALARMS.items():

@@ -113,7 +113,7 @@ MBBR = {
         "warn_v": N(6.6, "Warn below.", unit="V", low=0, high=60),
         "minimum_v": N(6.4, "Do not arm below; while balancing, drive commands shrink to nothing between this and cutoff_v.",
                        unit="V", low=0, high=60),
-        "cutoff_v": N(6.0, "Below for 2 s: motors off.", unit="V", low=0, high=60),
+        "cutoff_v": N(5.5, "Below for 2 s, smoothed and under load: motors off.", unit="V", low=0, high=60),
     },
     "estimator": {
         "control": Choice("dmp_ekf", "Estimator that controls.", choices=published.ESTIMATORS),

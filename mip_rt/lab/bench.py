@@ -125,14 +125,15 @@ def progress(done: int, total: int, what: str) -> None:
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness"),
-                        help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors")  # fmt: skip
+    parser.add_argument("what", choices=("steps", "estimators", "robustness", "alarms"),
+                        help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; false alarms")  # fmt: skip
+    parser.add_argument("--hours", metavar="N", type=float, default=1.0, help="alarms: simulated hours of driving")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--quick", action="store_true", help="fewer seeds or ticks")
 
 
 def run(arguments) -> int:
-    """Exit code 1 where a robustness draw fell."""
+    """Exit code 1 where a robustness draw fell, or ordinary driving raised an alarm."""
     if arguments.what == "estimators":
         table = estimators(arguments.quick)
         print(json.dumps(table)) if arguments.json else print_estimators(table)
@@ -140,6 +141,12 @@ def run(arguments) -> int:
         found = robustness(arguments.quick)
         print(json.dumps(found)) if arguments.json else print_robustness(found)
         return int(any(entry[2] for draws in found.values() for entry in draws))
+    elif arguments.what == "alarms":
+        from mip_rt.lab import alarms
+
+        found = alarms.run(arguments.hours, progress)
+        print(json.dumps(found)) if arguments.json else alarms.print_table(found)
+        return int(any(result["faults"] or any(result["graded"].values()) for result in found))
     else:
         figures = speed(arguments.quick)
         if arguments.json:

@@ -316,10 +316,10 @@ def test_low_battery_warns_then_slows_then_stops(tmp_path):
         world.set("battery_v", 6.58)
         dry.until(lambda: dry.row["limits"] & frame.LIMIT_BATTERY_WARNING, 5.0)
         assert dry.row["drive_allowed"] == 1.0
-        world.set("battery_v", 6.25)
+        world.set("battery_v", 6.1)
         dry.until(lambda: dry.row["drive_allowed"] < 0.8, 5.0)
         assert dry.state is State.BALANCING and dry.row["limits"] & frame.LIMIT_BATTERY_WARNING and dry.row["limits"] & frame.LIMIT_DRIVE_REDUCED
-        world.set("battery_v", 5.8)
+        world.set("battery_v", 5.4)
         dry.until(lambda: dry.row["drive_allowed"] == 0.0, 5.0)
         took = dry.until(lambda: dry.state is State.FAULT, 5.0)
         assert dry.session.supervisor.fault.code == "battery_low" and 1.5 < took <= FAULTS["battery_low"].bound_s
