@@ -5,6 +5,7 @@ encoders and PWM files are real files. What remains is what the controller itsel
 """
 
 import ctypes
+import itertools
 import tempfile
 import time
 
@@ -16,6 +17,7 @@ from mip_rt.compiled import njit
 from mip_rt.config import scenario as scenarios
 from mip_rt.estimators import mbbr_ekf
 from mip_rt.fake import bench as fake_bench
+from mip_rt.fake.kernel import SAMPLE_NS
 from mip_rt.hardware import mpu9250_registers as registers
 from mip_rt.robots import mbbr_setup
 from mip_rt.supervisor import State
@@ -51,6 +53,10 @@ def stubbed_loop():
         session._between_ticks(loop.ticks - 1)
         if session.supervisor.state is State.BALANCING and session.supervisor.drive_scale >= 1.0:
             packets.append(bytes(bench.world.packet))
+    # A stubbed robot neither moves its wheels nor answers its motors: the detectors work, but must not end the measurement.
+    patient = session.robot.parameters[0].health
+    patient.stall_duty_s = patient.mismatch_limit_rad = np.inf
+    patient.saturation_ticks = 1 << 40
     kernel, count, turn = bench.kernel, (32).to_bytes(2, "big"), [0]
     numbers = {registers.FIFO_COUNT_H: count}
 
@@ -64,8 +70,8 @@ def stubbed_loop():
     kernel.bus.i2c_rdwr = transfer
     kernel.wait_readable = lambda fd, timeout_s: True
     kernel.monotonic_ns = time.monotonic_ns
-    edge = (kernel._now_ns, 2, 1)
-    loop.devices.imu_line.read = lambda: edge
+    edges = itertools.count(kernel._now_ns, SAMPLE_NS)
+    loop.devices.imu_line.read = lambda: (next(edges), 2, 1)
     return loop, bench
 
 
