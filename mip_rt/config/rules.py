@@ -80,7 +80,7 @@ def broken_rules(config):
     ):
         if value not in allowed:
             yield key, f"expected one of {', '.join(map(str, allowed))}, found {value}"
-    if config.imu.gyro_range_dps != 2000:
+    if config.imu.attitude == "dmp" and config.imu.gyro_range_dps != 2000:
         yield "imu.gyro_range_dps", "the DMP integrates the gyro rightly only at 2000 deg/s"
     for key in ("motors", "encoders"):
         section = getattr(config, key)

@@ -10,6 +10,7 @@ from mip_rt.hardware.encoders import Encoder
 from mip_rt.hardware.gpio import InputEvents
 from mip_rt.hardware.motors import Motors
 from mip_rt.hardware.mpu9250 import Mpu9250
+from mip_rt.hardware.mpu9250_raw import RawMpu9250
 from mip_rt.hardware.serial_port import SerialPort
 from mip_rt.remote.command import RemoteCommand
 from mip_rt.remote.fourjoy import FourJoyDecoder
@@ -66,7 +67,7 @@ def open_devices(kernel, config, enable, remote_device: str | None, image=None) 
     settings = config.imu
     if image is not None:
         settings = SimpleNamespace(**{**vars(config.imu), "dmp_image": image[0], "dmp_image_sha256": image[1]})
-    imu = Mpu9250(kernel, settings, config.realtime.rate_hz)
+    imu = (RawMpu9250 if settings.attitude == "onboard" else Mpu9250)(kernel, settings, config.realtime.rate_hz)
     imu.start()
     remote = RemoteCommand(port, FourJoyDecoder(), config.remote)
     return Devices(imu, imu_line, encoders, motors, battery, button, remote, port, battery.read())

@@ -33,6 +33,7 @@ PARAMETERS = np.dtype(
         ("nominal_voltage_v", "f8"),
         ("battery_pole", "f8"),
         ("battery_hold_ticks", "i8"),  # so long the last good reading counts, then the nominal voltage
+        ("attitude", sensors.ATTITUDE_PARAMETERS),
     ],
     align=True,
 )
@@ -51,9 +52,11 @@ STATE = np.dtype(
         ("battery_v", "f8"),
         ("battery_unknown", "i8"),  # ticks without a plausible reading
         ("engaged", "i8"),
+        ("attitude", sensors.ATTITUDE_STATE),  # last: its end is scratch
     ],
     align=True,
 )
+PERSISTENT = STATE.itemsize - sensors.ATTITUDE_SCRATCH  # bytes of STATE that the next tick reads
 ESTIMATOR_PARAMETERS = np.dtype(
     [
         ("kind", "i8"),
@@ -328,7 +331,7 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
     p = parameters[0]
     s = state[0]
     row = ring[index]
-    limits = edumip_sensors.step(p.sensors, s.sensors, row)
+    limits = edumip_sensors.step(p.sensors, s.sensors, p.attitude, s.attitude, row)
     valid = mip_ekf.ALL_VALID
     if limits & frame.LIMIT_IMU_MISSING:
         valid &= ~ACCELEROMETER_BIT

@@ -18,7 +18,7 @@ PARAMETERS = np.dtype(
     ],
     align=True,
 )
-STATE = np.dtype(sensors.state_fields(WHEELS), align=True)
+STATE = np.dtype([*sensors.state_fields(WHEELS), ("rolling_rad_s", "f8", (3,))], align=True)
 
 
 def mounting(chip_to_board, mount_angle_rad: float) -> np.ndarray:
@@ -28,11 +28,15 @@ def mounting(chip_to_board, mount_angle_rad: float) -> np.ndarray:
 
 
 @njit
-def step(p, s, row):
-    """Reads the row's raw sensors; returns the bits of frame.LIMITS that apply."""
+def step(p, s, pa, sa, row):
+    """Reads the row's raw sensors; pa, sa: see `sensors.read_onboard`; returns the bits of frame.LIMITS that apply."""
     limits = sensors.step(p, s, row)
-    # R = Rz Ry Rx(lean): a turn of the board about the axle only adds to the lean.
-    row.attitude_rad[0] += p.mount_angle_rad
+    if p.source == sensors.ONBOARD:
+        s.rolling_rad_s[0] = 0.5 * (row.wheel_rate_rad_s[0] + row.wheel_rate_rad_s[1]) + row.gyro_rad_s[0]
+        sensors.read_onboard(p, s, pa, sa, row, s.rolling_rad_s, limits)
+    else:
+        # R = Rz Ry Rx(lean): a turn of the board about the axle only adds to the lean.
+        row.attitude_rad[0] += p.mount_angle_rad
     row.phi_rad = 0.5 * (row.wheel_angle_rad[0] + row.wheel_angle_rad[1])
     row.encoder_yaw_rad = p.radius_by_track * (row.wheel_angle_rad[0] - row.wheel_angle_rad[1])
     row.accelerometer_tilt_rad = accelerometer_tilt(row.acceleration_m_s2[1], row.acceleration_m_s2[2])

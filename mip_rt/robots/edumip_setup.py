@@ -117,6 +117,9 @@ def build(config, shadows=None) -> Robot:
     p.sensors.mounting[:] = edumip_sensors.mounting(config.imu.mounting, config.imu.mount_angle_rad)
     p.sensors.mount_angle_rad = config.imu.mount_angle_rad
     p.sensors.radius_by_track = config.model.wheel_radius_m / config.model.track_m
+    p.sensors.rolling_radius_m = config.model.wheel_radius_m
+    p.sensors.lever_m[:] = imu_position(config) + np.array([0.0, 0.0, config.model.com_height_m])
+    sensors.configure_attitude(p.attitude, config, dt_s)
     _configure_control(p, config, model[0], dt_s)
     _configure_drive(p.drive, config)
     p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
@@ -132,7 +135,8 @@ def build(config, shadows=None) -> Robot:
         (states, robot.ESTIMATOR_STATE),
     )
     return Robot(
-        edumip_frame.LAYOUT, names, config.control.controller, robot.step, arrays, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES
+        edumip_frame.LAYOUT, names, config.control.controller, robot.step, arrays, robot.PERSISTENT, robot.ESTIMATOR_PERSISTENT,
+        robot.ESTIMATE_BYTES,
     )
 
 

@@ -34,6 +34,7 @@ PARAMETERS = np.dtype(
         ("odometry", "i8"),  # 1: ball angle from encoders and gyro; 0: integral of the filter's ball rate
         ("battery_pole", "f8"),  # smooths the battery reading used for voltage scaling
         ("battery_hold_ticks", "i8"),  # so long the last good reading counts, then the nominal voltage
+        ("attitude", sensors.ATTITUDE_PARAMETERS),
     ],
     align=True,
 )
@@ -53,9 +54,11 @@ STATE = np.dtype(
         ("battery_v", "f8"),
         ("battery_unknown", "i8"),  # ticks without a plausible reading
         ("engaged", "i8"),
+        ("attitude", sensors.ATTITUDE_STATE),  # last: its end is scratch
     ],
     align=True,
 )
+PERSISTENT = STATE.itemsize - sensors.ATTITUDE_SCRATCH  # bytes of STATE that the next tick reads
 ESTIMATOR_PARAMETERS = np.dtype(
     [
         ("kind", "i8"),
@@ -320,7 +323,7 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
     p = parameters[0]
     s = state[0]
     row = ring[index]
-    limits = mbbr_sensors.step(p.sensors, s.sensors, row)
+    limits = mbbr_sensors.step(p.sensors, s.sensors, p.attitude, s.attitude, row)
     valid = mbbr_ekf.ALL_VALID
     if limits & frame.LIMIT_IMU_MISSING:
         valid &= ~(GYRO_TILT_BITS | ACCELEROMETER_BITS)

@@ -86,6 +86,7 @@ def build(config, shadows=None) -> Robot:
     p.battery_pole = pole_from_rate(BATTERY_SMOOTHING_RAD_S, dt_s)
     p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
     _configure_sensors(p.sensors, config, dt_s)
+    sensors.configure_attitude(p.attitude, config, dt_s)
     _configure_control(p, config, dt_s)
     state = np.zeros(1, robot.STATE).view(np.recarray)
     state[0].battery_v = p.nominal_voltage_v
@@ -96,12 +97,15 @@ def build(config, shadows=None) -> Robot:
         (estimator_parameters, robot.ESTIMATOR_PARAMETERS),
         (states, robot.ESTIMATOR_STATE),
     )
-    return Robot(mbbr_frame.LAYOUT, names, CONTROLLER, robot.step, arrays, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES)
+    return Robot(
+        mbbr_frame.LAYOUT, names, CONTROLLER, robot.step, arrays, robot.PERSISTENT, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES
+    )
 
 
 def _configure_sensors(p, config, dt_s) -> None:
     sensors.configure(p, config, dt_s)
     p.body_from_wheel[:] = orthonormal(config.wheels.body_from_wheel)
+    p.rolling_radius_m, p.lever_m[:] = config.model.ball_radius_m, config.imu.position_m
     p.wheel_ratio = config.model.wheel_radius_m / config.model.ball_radius_m
 
 

@@ -19,6 +19,7 @@ class Robot:
         controller: name of the controller.
         step: compiled function of (parameters, state, estimator parameters, estimator states, rows, index).
         arrays: its first four arguments as (record array, dtype).
+        state_kept: bytes of the robot's state that persist.
         kept, estimate: of an estimator's state: bytes that persist, and the range of them that is the estimate (see robots.persistence).
 
     Attributes:
@@ -28,14 +29,14 @@ class Robot:
         persistence: what the next tick reads of this one: see robots.persistence.
     """
 
-    def __init__(self, layout, names, controller: str, step, arrays, kept: int, estimate: slice):
+    def __init__(self, layout, names, controller: str, step, arrays, state_kept: int, kept: int, estimate: slice):
         self.layout, self.names, self.controller = layout, names, controller
         self._step = step
         self.parameters, self.state, self.estimator_parameters, self.estimator_states = (array for array, _ in arrays)
         # The same memory as plain arrays: numba recognises those ten times faster than record arrays.
         self._arguments = tuple(array if JIT_DISABLED else array.view(dtype).view(np.ndarray) for array, dtype in arrays)
         self.command_in_force = np.asarray(self.state["applied"])[0]
-        self.persistence = Persistence(self.state, self.estimator_states, kept, estimate)
+        self.persistence = Persistence(self.state, self.estimator_states, state_kept, kept, estimate)
         self.gyro_bias_rad_s = (0.0, 0.0, 0.0)
         self._rows = None
 

@@ -1,8 +1,11 @@
 """From the bytes and counts of the drivers to SI numbers in body axes: the first part of every robot's compiled step.
 
-The DMP's quaternion is already in body axes (its own orientation setting), its accelerometer and gyro words are in chip axes: the
+The DMP's quaternion is already in body axes (its own orientation setting), accelerometer and gyro words are in chip axes: the
 mounting matrix turns them, and the sign of the accelerometer is changed to the papers' (R'([0, 0, -g] - p''), the negative of
 what the chip reports), here and nowhere else.
+
+With imu.attitude "onboard" the packet has no quaternion (zeros stand in its place): `read_onboard` computes it from the other words by
+`estimators.attitude`, with the velocity that the wheels show.
 """
 
 import math
@@ -12,8 +15,11 @@ import numpy as np
 from mip_rt import frame
 from mip_rt.compiled import njit
 from mip_rt.controllers import filters
+from mip_rt.estimators import attitude, ekf
 
 IMU_USABLE = 1  # hardware.imu_status.IMU_OK
+DMP, ONBOARD = 0, 1  # where the attitude comes from
+WHEEL_VELOCITY_NOISE = 0.05  # m/s/sqrt(Hz), of the velocity that wheels show: slip, rollers, backlash
 COAST_TICKS = 3  # the attitude is carried on by the last body rates for so long, then it stays
 
 
@@ -27,6 +33,9 @@ def parameter_fields(wheels: int) -> list:
         ("accel_scale_m_s2", "f8"),  # per count
         ("count_scale_rad", "f8", (wheels,)),  # signed wheel angle per count
         ("wheel_jump_rad", "f8"),  # largest credible wheel motion in one tick
+        ("source", "i8"),  # DMP or ONBOARD
+        ("rolling_radius_m", "f8"),  # of what rolls on the ground
+        ("lever_m", "f8", (3,)),  # IMU from that one's centre, body axes
     ]
 
 
@@ -45,15 +54,43 @@ def state_fields(wheels: int) -> list:
     ]
 
 
+# What `read_onboard` works on: constants and state of the attitude filter, the last fields of a robot's records.
+ATTITUDE_PARAMETERS = np.dtype(
+    [
+        ("carried", attitude.PARAMETERS),  # in someone's hands: any velocity near zero
+        ("rolling", attitude.PARAMETERS),  # balancing: the velocity that the wheels show
+    ],
+    align=True,
+)
+ATTITUDE_STATE = np.dtype(
+    [
+        ("edge_ns", "i8"),  # interrupt of the newest sample, 0 before the first
+        ("gap", "i8"),  # samples in a row that are missing
+        ("rate", "f8", (3,)),
+        ("measured", "f8", (5,)),
+        ("filter", attitude.STATE),
+    ],
+    align=True,
+)
+ATTITUDE_SCRATCH = ATTITUDE_STATE.itemsize - ATTITUDE_STATE.fields["filter"][1] - attitude.PERSISTENT  # bytes at its end
+
+
 def configure(p, config, dt_s: float) -> None:
-    """Fills the fields of `parameter_fields` from the imu, motor and encoders sections."""
+    """Fills the fields of `parameter_fields` from the imu, motor and encoders sections, but for what rolls and its lever."""
     motor = config.motor
     p.rate_hz, p.dt_s = 1.0 / dt_s, dt_s
     p.mounting[:] = config.imu.mounting
     p.gyro_scale_rad_s = math.radians(config.imu.gyro_range_dps) / 32768.0
     p.accel_scale_m_s2 = config.imu.accel_range_g * 9.80665 / 32768.0
     p.count_scale_rad[:] = [2.0 * math.pi * sign / config.encoders.counts_per_turn for sign in config.encoders.signs]
+    p.source = ONBOARD if config.imu.attitude == "onboard" else DMP
     p.wheel_jump_rad = 2.0 * motor.nominal_voltage_v / motor.torque_constant_n_m_a * dt_s
+
+
+def configure_attitude(p, config, dt_s: float) -> None:
+    """Fills a record of ATTITUDE_PARAMETERS."""
+    attitude.configure(p.carried, dt_s, attitude.UNKNOWN_VELOCITY, config.imu.gyro_delay_s)
+    attitude.configure(p.rolling, dt_s, WHEEL_VELOCITY_NOISE, config.imu.gyro_delay_s)
 
 
 @njit
@@ -74,6 +111,34 @@ def _int32(packet, at):
 
 
 @njit
+def _show_attitude(s, w, x, y, z):
+    """Keeps a normalised quaternion and its angles."""
+    s.quaternion[0] = w
+    s.quaternion[1] = x
+    s.quaternion[2] = y
+    s.quaternion[3] = z
+    s.attitude_rad[0] = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    s.attitude_rad[1] = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x))))
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    turn = yaw - s.attitude_rad[2]
+    s.attitude_rad[2] += turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+
+
+@njit
+def _read_quaternion(s, packet):
+    """The DMP's; returns False where it is none."""
+    w = float(_int32(packet, 0))
+    x = float(_int32(packet, 4))
+    y = float(_int32(packet, 8))
+    z = float(_int32(packet, 12))
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    if not norm > 0.0:
+        return False
+    _show_attitude(s, w / norm, x / norm, y / norm, z / norm)
+    return True
+
+
+@njit
 def read_imu(p, s, row):
     """Fills quaternion, attitude, gyro and acceleration of the row; returns True where they are fresh and plausible.
 
@@ -81,27 +146,9 @@ def read_imu(p, s, row):
     """
     packet = row.imu_packet
     fresh = (row.imu_status & IMU_USABLE) != 0
+    if fresh and p.source == DMP:
+        fresh = _read_quaternion(s, packet)
     if fresh:
-        w = float(_int32(packet, 0))
-        x = float(_int32(packet, 4))
-        y = float(_int32(packet, 8))
-        z = float(_int32(packet, 12))
-        norm = math.sqrt(w * w + x * x + y * y + z * z)
-        fresh = norm > 0.0
-    if fresh:
-        w /= norm
-        x /= norm
-        y /= norm
-        z /= norm
-        s.quaternion[0] = w
-        s.quaternion[1] = x
-        s.quaternion[2] = y
-        s.quaternion[3] = z
-        s.attitude_rad[0] = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-        s.attitude_rad[1] = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x))))
-        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        turn = yaw - s.attitude_rad[2]
-        s.attitude_rad[2] += turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
         for i in range(3):
             rate = 0.0
             force = 0.0
@@ -113,10 +160,11 @@ def read_imu(p, s, row):
         s.coasted = 0
     elif s.coasted < COAST_TICKS:
         s.coasted += 1
-        roll = s.attitude_rad[0]
-        s.attitude_rad[0] += p.dt_s * (s.gyro_rad_s[0] + s.attitude_rad[1] * s.gyro_rad_s[2])  # small lean, as in mbbr_ekf.reset
-        s.attitude_rad[1] += p.dt_s * (s.gyro_rad_s[1] - roll * s.gyro_rad_s[2])
-        s.attitude_rad[2] += p.dt_s * s.gyro_rad_s[2]
+        if p.source == DMP:
+            roll = s.attitude_rad[0]
+            s.attitude_rad[0] += p.dt_s * (s.gyro_rad_s[0] + s.attitude_rad[1] * s.gyro_rad_s[2])  # small lean, as in mbbr_ekf.reset
+            s.attitude_rad[1] += p.dt_s * (s.gyro_rad_s[1] - roll * s.gyro_rad_s[2])
+            s.attitude_rad[2] += p.dt_s * s.gyro_rad_s[2]
     for i in range(4):
         row.quaternion[i] = s.quaternion[i]
     for i in range(3):
@@ -124,6 +172,75 @@ def read_imu(p, s, row):
         row.gyro_rad_s[i] = s.gyro_rad_s[i]
         row.acceleration_m_s2[i] = s.acceleration_m_s2[i]
     return fresh
+
+
+@njit
+def _known_velocity(p, s, q, rolling, y):
+    """Puts the velocity of the IMU into y[3:]: of the centre of what rolls, from its rates, and of the lever about it."""
+    w, i, j, k = q[0], q[1], q[2], q[3]
+    lever = p.lever_m
+    x0, x1, x2 = rolling[0], rolling[1], rolling[2]
+    c0 = s.gyro_rad_s[1] * lever[2] - s.gyro_rad_s[2] * lever[1]
+    c1 = s.gyro_rad_s[2] * lever[0] - s.gyro_rad_s[0] * lever[2]
+    c2 = s.gyro_rad_s[0] * lever[1] - s.gyro_rad_s[1] * lever[0]
+    a0 = 1.0 - 2.0 * (j * j + k * k)
+    a1 = 2.0 * (i * j - w * k)
+    a2 = 2.0 * (i * k + w * j)
+    b0 = 2.0 * (i * j + w * k)
+    b1 = 1.0 - 2.0 * (i * i + k * k)
+    b2 = 2.0 * (j * k - w * i)
+    y[3] = p.rolling_radius_m * (b0 * x0 + b1 * x1 + b2 * x2) + a0 * c0 + a1 * c1 + a2 * c2
+    y[4] = -p.rolling_radius_m * (a0 * x0 + a1 * x1 + a2 * x2) + b0 * c0 + b1 * c1 + b2 * c2
+
+
+@njit
+def read_onboard(p, s, pa, sa, row, rolling, limits):
+    """Fills quaternion and attitude of the row by the onboard filter, after `step`.
+
+    Interrupts that never became a tick and packets that are missing are made up for with the last rates, as in `read_imu`; after more of them
+    the filter starts anew, and with it the heading, as the DMP does. The wheels' velocity counts while the robot stands on the ground by itself.
+
+    Args:
+        pa: record of ATTITUDE_PARAMETERS.
+        sa: record of ATTITUDE_STATE.
+        rolling: (3,) rates of what rolls on the ground, rad/s, body axes.
+        limits: what `step` returned.
+    """
+    f = sa.filter
+    y = sa.measured
+    carried = pa.carried
+    lost = int(math.floor((row.edge_ns - sa.edge_ns) * 1e-9 * p.rate_hz + 0.5)) - 1 if sa.edge_ns > 0 else 0
+    sa.edge_ns = row.edge_ns
+    if limits & frame.LIMIT_IMU_MISSING:
+        lost += 1
+    sa.gap = sa.gap + lost if lost > 0 else 0
+    if sa.gap > COAST_TICKS:
+        f.started = 0
+    elif f.started == 1:
+        for _ in range(lost):
+            attitude.step(carried, f, sa.rate, y, 0)
+    if not limits & frame.LIMIT_IMU_MISSING:
+        for i in range(3):
+            sa.rate[i] = s.gyro_rad_s[i]
+            y[i] = -s.acceleration_m_s2[i]
+        valid = attitude.GYRO_VALID | attitude.ACCELEROMETER_VALID
+        if not row.request & frame.REQUEST_ENGAGED:
+            y[3] = 0.0
+            y[4] = 0.0
+            attitude.step(carried, f, sa.rate, y, attitude.ALL_VALID)
+        else:
+            if not limits & frame.LIMIT_ENCODER_JUMP:
+                valid |= attitude.VELOCITY_VALID
+                _known_velocity(p, s, f.quaternion, rolling, y)
+            attitude.step(pa.rolling, f, sa.rate, y, valid)
+        if f.filter.status & ekf.UNHEALTHY:
+            f.started = 0
+    if f.started == 1:
+        _show_attitude(s, f.quaternion[0], f.quaternion[1], f.quaternion[2], f.quaternion[3])
+    for i in range(4):
+        row.quaternion[i] = s.quaternion[i]
+    for i in range(3):
+        row.attitude_rad[i] = s.attitude_rad[i]
 
 
 @njit
