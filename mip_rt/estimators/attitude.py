@@ -37,6 +37,7 @@ GYRO_WALK = 2.2e-4  # rad/s/sqrt(s), of the bias
 ACCELEROMETER_NOISE = 0.02  # m/s^2/sqrt(Hz)
 UNKNOWN_VELOCITY = 0.35  # m/s/sqrt(Hz): what is carried about stays near a velocity of zero
 INITIAL_TILT, INITIAL_BIAS, INITIAL_VELOCITY, INITIAL_SCALE = 0.1, 0.0087, 0.1, 0.01  # rad, rad/s, m/s, 1
+CALIBRATED_BIAS = 0.003  # rad/s, what a calibration in the hand leaves
 LARGEST_TILT, LARGEST_BIAS, LARGEST_VELOCITY, LARGEST_SCALE = 1.0, 0.035, 5.0, 0.03
 
 PARAMETERS = np.dtype(
@@ -114,6 +115,18 @@ def _start(p, state, y):
         q[2] = 0.0
     q[3] = 0.0
     return True
+
+
+@njit
+def forget_bias(state):
+    """The caller has calibrated the gyro: what remains is none as far as one knows, whatever was learned before."""
+    f = state.filter
+    for i in range(BIAS, BIAS + 3):
+        f.x[i] = 0.0
+        for j in range(STATES):
+            f.P[i, j] = 0.0
+            f.P[j, i] = 0.0
+        f.P[i, i] = CALIBRATED_BIAS * CALIBRATED_BIAS
 
 
 @njit

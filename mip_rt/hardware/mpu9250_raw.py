@@ -6,11 +6,16 @@ its place. What is put into the frame has the words of the DMP's packet in the p
 Source: InvenSense register map RM-MPU-9250A-00 rev. 1.4: 0x38 bit 0, 0x3A to 0x48 (a burst reads one sample), 0x19.
 """
 
+import math
+import struct
+
 from mip_rt.hardware import mpu9250_registers as r
 from mip_rt.hardware.imu_status import IMU_BAD_NORM, IMU_FROZEN, IMU_NO_DATA, IMU_OK
 from mip_rt.hardware.mpu9250 import FROZEN_AFTER, INTERNAL_HZ, Mpu9250, _bytes_of
 
 ZEROS, ONES = bytes(r.RAW_BYTES), b"\xff" * r.RAW_BYTES
+LARGEST_STEP_RAD_S = 15.0  # of a rate from sample to sample: more is no motion
+_GYRO = struct.Struct(">8x3h")
 ACCELEROMETER, GYRO, TEMPERATURE, STATUS = 16, 22, 28, 30  # places in the packet
 
 
@@ -26,6 +31,8 @@ class RawMpu9250(Mpu9250):
         self._parts = [(place, _bytes_of(reply, at, size)) for place, at, size in (
             (ACCELEROMETER, 1, 6), (GYRO, 9, 6), (TEMPERATURE, 7, 2), (STATUS, 0, 1),
         )]  # fmt: skip
+        self._largest_step = LARGEST_STEP_RAD_S / math.radians(self._settings.gyro_range_dps) * 32768.0
+        self._rates = 0, 0, 0
         self._kept = request, reply  # the prepared transfer points into their buffers
         self._last = bytearray(r.RAW_BYTES)
 
@@ -58,7 +65,10 @@ class RawMpu9250(Mpu9250):
         if not self._status[0] & r.INT_RAW_READY:
             return IMU_NO_DATA  # a second interrupt for one sample, or one that does not come from the chip
         sample = self._sample
-        if sample == ONES or sample == ZEROS:
+        x, y, z = self._rates
+        self._rates = rates = _GYRO.unpack_from(sample)
+        step = max(abs(rates[0] - x), abs(rates[1] - y), abs(rates[2] - z))
+        if step > self._largest_step or sample == ONES or sample == ZEROS:
             self.counters["bad_norm"] += 1
             return IMU_BAD_NORM
         if sample == self._last:

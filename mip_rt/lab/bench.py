@@ -117,10 +117,11 @@ def speed(quick: bool) -> dict:
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard", "alarms"),
+    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "broad"),
                         help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; cost of the log in the "
                         "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang; "
-                        "false alarms in ordinary driving")  # fmt: skip
+                        "false alarms in ordinary driving; onboard attitude on recordings with motion capture")  # fmt: skip
+    parser.add_argument("--data", metavar="FOLDER", help="broad: folder of the recordings")
     parser.add_argument("--hours", metavar="N", type=float, default=1.0, help="alarms: simulated hours of driving")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--quick", action="store_true", help="fewer seeds, ticks or runs")
@@ -128,7 +129,8 @@ def add_arguments(parser) -> None:
 
 
 def run(arguments) -> int:
-    """Exit code 1 where a robustness draw fell, a log lost more than it may, the enable line fell too late, or ordinary driving raised an alarm."""
+    """Exit code 1 where a robustness draw fell, a log lost more than it may, the enable line fell too late, or ordinary driving raised an alarm, or the
+    onboard attitude is worse than VQF."""
     if arguments.what == "estimators":
         table = estimators(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(table)) if arguments.json else print_estimators(table)
@@ -142,6 +144,12 @@ def run(arguments) -> int:
         found = alarms.run(arguments.hours, progress)
         print(json.dumps(found)) if arguments.json else alarms.print_table(found)
         return int(any(result["faults"] or any(result["graded"].values()) for result in found))
+    elif arguments.what == "broad":
+        from mip_rt.lab import broad
+
+        found = broad.run(arguments.data or broad.FOLDER, progress)
+        print(json.dumps(found) if arguments.json else broad.render(found))
+        return int(not broad.passed(found))
     elif arguments.what.startswith("log"):
         from mip_rt.lab import log_costs, log_damage
 

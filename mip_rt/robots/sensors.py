@@ -19,7 +19,7 @@ from mip_rt.estimators import attitude, ekf
 
 IMU_USABLE = 1  # hardware.imu_status.IMU_OK
 DMP, ONBOARD = 0, 1  # where the attitude comes from
-WHEEL_VELOCITY_NOISE = 0.05  # m/s/sqrt(Hz), of the velocity that wheels show: slip, rollers, backlash
+WHEEL_VELOCITY_NOISE = 0.1  # m/s/sqrt(Hz), of the velocity that wheels show: slip, rollers, backlash
 COAST_TICKS = 3  # the attitude is carried on by the last body rates for so long, then it stays
 
 
@@ -66,6 +66,7 @@ ATTITUDE_STATE = np.dtype(
     [
         ("edge_ns", "i8"),  # interrupt of the newest sample, 0 before the first
         ("gap", "i8"),  # samples in a row that are missing
+        ("gyro_bias_rad_s", "f8", (3,)),  # of the newest sample's row
         ("rate", "f8", (3,)),
         ("measured", "f8", (5,)),
         ("filter", attitude.STATE),
@@ -209,6 +210,12 @@ def read_onboard(p, s, pa, sa, row, rolling, limits):
     f = sa.filter
     y = sa.measured
     carried = pa.carried
+    calibrated = False
+    for i in range(3):
+        calibrated = calibrated or row.gyro_bias_rad_s[i] != sa.gyro_bias_rad_s[i]
+        sa.gyro_bias_rad_s[i] = row.gyro_bias_rad_s[i]
+    if calibrated and f.started == 1:
+        attitude.forget_bias(f)
     lost = int(math.floor((row.edge_ns - sa.edge_ns) * 1e-9 * p.rate_hz + 0.5)) - 1 if sa.edge_ns > 0 else 0
     sa.edge_ns = row.edge_ns
     if limits & frame.LIMIT_IMU_MISSING:
