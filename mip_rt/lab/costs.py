@@ -20,6 +20,7 @@ from mip_rt.config import scenario as scenarios
 from mip_rt.estimators import mbbr_ekf
 from mip_rt.fake import bench as fake_bench
 from mip_rt.fake.kernel import SAMPLE_NS
+from mip_rt.hardware import compiled_io
 from mip_rt.hardware.i2c import I2cBus
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
@@ -104,13 +105,17 @@ def parts(name: str, count: int) -> float:
     loop, bench = stubbed_loop()
     loop.tick()
     devices, ring, supervisor, at = loop.devices, loop.ring, loop.supervisor, loop.robot.layout.offset
-    pulses = [(1000 + i, -2000 - i, 3000 + i) for i in range(PACKETS)]
-    turn = itertools.cycle(pulses)
+    changing = itertools.cycle([loop.robot.layout.pulses.pack(1000 + i, -2000 - i, 3000 + i) for i in range(PACKETS)])
+
+    def supervise():
+        ring.buffer[at["duty_ns"] : at["duty_ns"] + 24] = next(changing)
+        supervisor.apply(0, IMU_OK, 0, 0, True, 0)
+
     action = {
         "imu": lambda: devices.imu.read(ring.buffer, at["imu_packet"]),
-        "encoders": devices.read_counts,
+        "encoders": lambda: compiled_io.read_counters(devices.counters, loop.robot.rows, 0),
         "step": lambda: loop.robot.step(0),
-        "supervisor": lambda: supervisor.apply(0, IMU_OK, 0, 0, True, next(turn)),
+        "supervisor": supervise,
     }[name]
     begin = time.perf_counter()
     for _ in range(count):
