@@ -61,10 +61,13 @@ class RecorderProcess:
             return
         package = str(Path(mip_rt.__file__).parents[1])
         paths = os.pathsep.join(filter(None, (package, os.environ.get("PYTHONPATH"))))
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "mip_rt.log.recorder", str(self._ring.path)],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env={**os.environ, "PYTHONPATH": paths}, start_new_session=True,
-        )  # fmt: skip
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "mip_rt.log.recorder", str(self._ring.path)],
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env={**os.environ, "PYTHONPATH": paths}, start_new_session=True,
+            )  # fmt: skip
+        except OSError:  # too little memory: recording is not needed to balance
+            self.died = True
 
     def look(self) -> None:
         """Notices whether the process is gone; one system call."""
@@ -101,10 +104,10 @@ class RecorderProcess:
 
     def trouble(self) -> str:
         """What the status line should say; empty where all is well."""
-        if self._process is None:
-            return ""
         if self.died:
             return "the recorder died"
+        if self._process is None:
+            return ""
         status = self._ring.recorder_status()
         words = []
         if status["heartbeat_ns"] and time.monotonic_ns() - status["heartbeat_ns"] > STALLED_S * 1e9:
