@@ -20,24 +20,26 @@ ESTIMATORS = 8  # slots: the first estimator controls, the others run in shadow
 REQUEST_ENGAGED = 1  # estimate and control; otherwise estimators wait, reset to the measured attitude
 REQUEST_HEADING_RESET = 2  # the present heading becomes "forward"
 
-# frame.limits: what was limited, replaced or refused in this tick.
-LIMITS = {
-    "imu_missing": 1 << 0,  # no usable packet: measurement masked, last attitude kept
-    "innovation_rejected": 1 << 1,  # a measurement failed its gate
-    "not_finite": 1 << 2,  # a number was not finite and was replaced or masked
-    "estimator_reset": 1 << 3,  # the controlling estimator was unhealthy and was reset
-    "lean_limited": 1 << 4,  # the lean reference was at its limit
-    "wheel_saturated": 1 << 5,  # a wheel command beyond full voltage was clipped
-    "coast_saturated": 1 << 6,  # the drive/coast inverse asked for more current than the battery gives at this speed
-    "tipped": 1 << 7,  # lean beyond limits.tip_rad
-    "battery_unknown": 1 << 8,  # no plausible battery reading: nominal voltage assumed
-    "encoder_jump": 1 << 9,  # a wheel moved further in one tick than it can
-    "covariance_bounded": 1 << 10,  # the variance of an unobservable state was held at its limit
-    "remote_lost": 1 << 11,  # no valid frame within the time limit: commands are ramped to zero
-    "duty_refused": 1 << 12,  # a non-finite duty was replaced by zero
+# frame.limits: what was limited, replaced or refused in this tick; bit i is the i-th entry, so new ones go to the end.
+LIMIT_SENTENCES = {
+    "imu_missing": "no usable packet: measurement masked, last attitude kept",
+    "innovation_rejected": "a measurement failed its gate",
+    "not_finite": "a number was not finite and was replaced or masked",
+    "estimator_reset": "the controlling estimator was unhealthy and was reset",
+    "lean_limited": "the lean reference was at its limit",
+    "wheel_saturated": "a wheel command beyond full voltage was clipped",
+    "coast_saturated": "the drive/coast inverse asked for more current than the battery gives at this speed",
+    "tipped": "the robot leans beyond limits.tip_rad",
+    "battery_unknown": "no plausible battery reading: nominal voltage assumed",
+    "encoder_jump": "a wheel moved further in one tick than it can",
+    "covariance_bounded": "the variance of an unobservable state was held at its limit",
+    "remote_lost": "no valid frame within the time limit: commands are ramped to zero",
+    "duty_refused": "a non-finite duty was replaced by zero",
 }
+LIMITS = {name: 1 << i for i, name in enumerate(LIMIT_SENTENCES)}
 for _name, _bit in LIMITS.items():
     globals()[f"LIMIT_{_name.upper()}"] = _bit
+LOOP_LIMITS = LIMITS["remote_lost"]  # bits that the loop adds after the step; all others are the step's
 
 
 class Field(NamedTuple):
@@ -60,6 +62,7 @@ def inputs(wheels: int) -> tuple[Field, ...]:
         Field("missed", "<i8", (), "1", "interrupts that came and went without a tick since the previous row"),
         Field("state", "<i8", (), "1", "supervisor state in force during this tick"),
         Field("request", "<i8", (), "bits", "what the supervisor asks of the step (REQUEST_*)"),
+        Field("refusals", "<i8", (), "bits", "pre-arm checks that fail at present (prearm.CHECKS)"),
         Field("imu_status", "<i8", (), "bits", "result of reading the IMU (IMU_*)"),
         Field("imu_backlog", "<i8", (), "1", "packets that were waiting beside the newest"),
         Field("encoder_count", "<i8", (wheels,), "1", "unwrapped eQEP counts by motor, before sign and scale"),
@@ -94,11 +97,17 @@ def estimation(names: tuple[str, ...]) -> tuple[Field, ...]:
     )
 
 
-def outputs(wheels: int) -> tuple[Field, ...]:
-    """How every tick ends: the pulses, what the supervisor made of them, and when."""
+def pulses(wheels: int) -> tuple[Field, ...]:
+    """How every robot's step ends: what it asks of the motors."""
     return (
         Field("duty", "<f8", (wheels,), "1", "signed duty by wheel after voltage scaling and drive/coast inverse"),
         Field("duty_ns", "<i8", (wheels,), "ns", "signed PWM pulse by motor asked of the motors"),
+    )
+
+
+def results(wheels: int) -> tuple[Field, ...]:
+    """What the loop writes after the step: what the supervisor made of the pulses, and when."""
+    return (
         Field("applied_ns", "<i8", (wheels,), "ns", "signed PWM pulse that the supervisor let through"),
         Field("fault", "<i8", (), "1", "fault code of the supervisor, 0 where none"),
         Field("step_ns", "<i8", (), "ns", "the compiled step had ended"),
@@ -107,7 +116,7 @@ def outputs(wheels: int) -> tuple[Field, ...]:
 
 
 class Layout:
-    """The frame of one robot: common fields around its own.
+    """The frame of one robot: common fields around its own. Who writes which field is decided here and nowhere else.
 
     Args:
         wheels: how many motors and encoders it has.
@@ -116,6 +125,9 @@ class Layout:
 
     Attributes:
         fields: all Fields in order.
+        step_inputs: names of the fields that are there before the step: what the loop packs, and the IMU's bytes.
+        step_outputs: names of the fields that the step writes, every one in every tick; of `limits` all bits but LOOP_LIMITS,
+            of `estimates` and `estimator_flags` the slots in use.
         dtype: their aligned record type.
         offset: byte offset by name.
         inputs: struct.Struct of the loop's inputs, to be packed at offset["tick"].
@@ -125,9 +137,12 @@ class Layout:
 
     def __init__(self, wheels: int, estimate_names: tuple[str, ...], own: tuple[Field, ...]):
         self.wheels, self.estimate_names = wheels, estimate_names
-        self.input_fields = inputs(wheels)
+        self.input_fields, result_fields = inputs(wheels), results(wheels)
         sequence = Field("sequence", "<i8", (), "1", "commit counter: equals tick + 1 once the row is complete")
-        self.fields = (sequence, *self.input_fields, *sensors(wheels), *estimation(estimate_names), *own, *outputs(wheels))
+        written = (*sensors(wheels), *estimation(estimate_names), *own, *pulses(wheels))
+        self.fields = (sequence, *self.input_fields, *written, *result_fields)
+        self.step_inputs = (*(f.name for f in self.input_fields), "imu_packet")
+        self.step_outputs = tuple(f.name for f in written if f.name != "imu_packet")
         self.dtype = np.dtype([(f.name, f.dtype, f.shape) if f.shape else (f.name, f.dtype) for f in self.fields], align=True)
         self.offset = {name: self.dtype.fields[name][1] for name in self.dtype.names}
         self.inputs = struct.Struct("<" + "".join(f"{math.prod(f.shape)}{'q' if 'i8' in f.dtype else 'd'}" for f in self.input_fields))

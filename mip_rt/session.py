@@ -8,7 +8,6 @@ import math
 import os
 import signal
 import sys
-import tempfile
 import time
 from pathlib import Path
 
@@ -51,35 +50,45 @@ class Session:
         remote_device: the remote's port; None for none.
         seed, scenario_name: of a dry run, for the log's name.
         record_folder: where the recorder keeps its files; None for no recorder.
+        guard: guard_client.GuardClient that holds the robot's enable line; a dry run brings its own.
     """
 
     def __init__(
-        self, config, bench, log_folder: Path, remote_device, seed: int, scenario_name: str = "", record_folder: Path | None = None
-    ):
+        self, config, bench, log_folder: Path, remote_device, seed: int, scenario_name: str = "", record_folder: Path | None = None,
+        guard=None,
+    ):  # fmt: skip
         self.config, self.bench, self.seed = config, bench, seed
         self.kernel = bench.kernel if bench else Kernel()
         self.robot = mbbr_setup.build(config)
         rows = round(config.log.ring_s * config.realtime.rate_hz)
         stamp = f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
         name = f"dry-run-{scenario_name}-seed{seed}" if bench else f"mip-rt-{stamp}"
-        extra = {"estimators": self.robot.names, "codes": codes(), "calibration": {"gyro_bias_rad_s": self.robot.gyro_bias_rad_s}}
+        layout, persistence = self.robot.layout, self.robot.persistence
+        extra = {
+            "estimators": self.robot.names,
+            "state_layout": persistence.layout,
+            "codes": codes(),
+            "calibration": {"gyro_bias_rad_s": self.robot.gyro_bias_rad_s},
+        }
         if bench:
             extra |= {"seed": seed, "scenario": scenario_name}
+            if bench.kernel.entrance is not None and remote_device == bench.remote.device:
+                extra["remote_entrance"] = str(bench.kernel.entrance.path)
         recording = None
         if record_folder is not None:
             run_folder = f"{name}-{stamp}" if bench else name
             recording = recorder_process.settings(config.log, record_folder, run_folder, config.realtime.rate_hz)
             extra["recording"] = recording
-        layout = self.robot.layout
         description = header(layout, config.to_yaml(), extra, self.kernel.monotonic_ns())
         if not bench:
             remove_old_rings(Path(log_folder), "mip-rt-*.ring")
-        self.ring = Ring(Path(log_folder) / f"{name}.ring", layout.dtype, rows, description)
+        self.ring = Ring(Path(log_folder) / f"{name}.ring", layout.dtype, rows, description, persistence.size)
         self.recorder = recorder_process.RecorderProcess(self.ring, recording)
         self.robot.attach(self.ring.rows)
         self.robot.rehearse()
         image = (bench.image_path, bench.image_sha256) if bench else None
-        self.devices = open_devices(self.kernel, config, remote_device, image)
+        self.guard = bench.guard if bench else guard
+        self.devices = open_devices(self.kernel, config, self.guard, remote_device, image)
         dt_s = 1.0 / config.realtime.rate_hz
         self.supervisor = Supervisor(self.devices.motors, config.limits, dt_s, config.control.soft_start_s)
         self.loop = Loop(
@@ -94,7 +103,7 @@ class Session:
         self._absorbed = 0
         self._in_fault = False
 
-    def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True) -> dict:
+    def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True, service=None) -> dict:
         """Turns the loop for `duration_s` (or until stopped); returns the summary. The motors are off afterwards, however it ends."""
         loop, kernel = self.loop, self.kernel
         try:
@@ -102,6 +111,7 @@ class Session:
             if real_time:
                 settings = self.config.realtime
                 self.scheduling = realtime.enter(settings.policy, settings.priority, settings.lock_memory, settings.strict)
+                self.scheduling.warnings += self.guard.warnings
             else:
                 realtime.freeze_garbage_collector()
                 self.scheduling = realtime.Scheduling(gc_frozen=True)
@@ -113,6 +123,8 @@ class Session:
             while not stop.requested and kernel.monotonic_ns() < end_ns:
                 ticked = loop.tick()
                 self._notice_fault(loop.ticks)
+                if service is not None:
+                    service.turn(self, ticked)
                 if not ticked:
                     silent += 1
                     if silent > BOOT_TIMEOUTS and loop.ticks == 0:
@@ -156,6 +168,15 @@ class Session:
         """The last row says that the robot leans beyond the limit."""
         return any(code == "tipped" for _, _, code in self.supervisor.events)
 
+    def condition(self) -> str:
+        """State in words: with the fault, or with the first reason why the robot is not armed, and the cure."""
+        supervisor = self.supervisor
+        if supervisor.state is State.FAULT:
+            return f"{supervisor.state.name}  {supervisor.fault.code}: {supervisor.fault.sentence}; {supervisor.fault.cure}"
+        if self.refusals and supervisor.state is not State.BALANCING:
+            return f"{supervisor.state.name}  not armed: {self.refusals[0].sentence} {self.refusals[0].cure}"
+        return supervisor.state.name
+
     def _between_ticks(self, tick: int) -> None:
         state = self.supervisor.state
         if tick % ABSORB_EVERY == ABSORB_EVERY - 1:
@@ -173,7 +194,7 @@ class Session:
             self.refusals = failing_checks(
                 self.calibration, self.devices, self.config.battery.minimum_v, self._rate_hz(tick), self.config.realtime.rate_hz
             )
-            self.supervisor.why_not_armed = self.refusals
+            self.supervisor.refusals = sum(refusal.check.bit for refusal in self.refusals)
 
     def _rate_hz(self, tick: int) -> float:
         """Interrupt rate over the last 200 ticks; the wanted rate before there are that many."""
@@ -214,16 +235,11 @@ class Live:
         if tick % self._every:
             return
         row = session.ring.rows[(tick - 1) % session.ring.capacity]
-        supervisor = session.supervisor
         lean = math.degrees(math.hypot(row["attitude_rad"][0], row["attitude_rad"][1]))
         text = (
-            f"{tick * 0.005:7.1f} s  {supervisor.state.name:<11} lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
-            f"  {session.devices.battery_v:4.2f} V"
+            f"{tick * 0.005:7.1f} s  lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
+            f"  {session.devices.battery_v:4.2f} V  {session.condition()}"
         )
-        if supervisor.state is State.FAULT:
-            text += f"  {supervisor.fault.code}: {supervisor.fault.sentence}; {supervisor.fault.cure}"
-        elif session.refusals and supervisor.state is not State.BALANCING:
-            text += f"  not armed: {session.refusals[0].sentence} {session.refusals[0].cure}"
         trouble = session.recorder.trouble()
         if trouble:
             text += f"  {trouble}"
@@ -259,8 +275,3 @@ def install_signals() -> Stop:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, stop)
     return stop
-
-
-def temporary_log_folder() -> Path:
-    """Where a dry run's log goes when nobody says."""
-    return Path(tempfile.gettempdir()) / "mip-rt"

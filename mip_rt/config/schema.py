@@ -114,6 +114,8 @@ MBBR = {
         "control": Choice("dmp_ekf", "Estimator that controls.", choices=published.ESTIMATORS),
         "shadows": Several(("ekf", "kf", "dmp_kf"), "Estimators that run beside it and are logged.",
                            item=Choice("", "", choices=published.ESTIMATORS), most=7),
+        "odometry": Choice("encoders", "Ball position: from encoders and gyro, or by integrating the filter's ball rate as in T.",
+                           choices=("encoders", "filter")),
         "noise_set": Choice("driving", "Process noise in use.", choices=tuple(published.PROCESS_NOISE)),
         "process_noise": {
             name: numbers(values, f"Variance a 5 ms step: q1=q2, q3, q4=q5, q6=q7, q8, q9=q10, q11=q12=q13 ({source}).", 7, low=0, high=1e6)
@@ -162,6 +164,7 @@ MBBR = {
         "engage_tilt_rad": N(0.174533, "Balancing starts within this lean.", unit="rad", low=0.01, high=0.5),
         "engage_hold_s": N(0.5, "Held upright for so long.", unit="s", low=0.1, high=10),
         "imu_silence_s": N(0.03, "Motors off after so long without an interrupt.", unit="s", low=0.006, high=0.045),
+        "guard_timeout_s": N(0.06, "The guard drops the enable line when the loop's heartbeat is older.", unit="s", low=0.02, high=0.09),
         "duty": N(1.0, "Largest wheel command.", low=0.05, high=1),
     },
     "realtime": {

@@ -1,26 +1,28 @@
 """Puts a whole dry run together: a temporary root, the chips, the tree, the world, the operator, and the kernel that connects them."""
 
-import shutil
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
-from mip_rt.fake.gpio import FakeGpio
+from mip_rt import guard_client
+from mip_rt.fake.entrance import Entrance
 from mip_rt.fake.kernel import FALLING, FakeKernel
+from mip_rt.fake.machine import Machine
 from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256
 from mip_rt.fake.operator import Operator
 from mip_rt.fake.remote import FakeRemote
-from mip_rt.fake.sysfs import FakeSysfs
+from mip_rt.fake.virtual_guard import VirtualGuard
 from mip_rt.fake.wiring import Wiring
 from mip_rt.fake.world import World
-from mip_rt.hardware.boards import GPIO, board
+from mip_rt.hardware.boards import GPIO
 
 
 @dataclass
 class Bench:
-    """A running dry run's parts."""
+    """A running dry run's parts; `guard` holds the motor-enable line."""
 
     kernel: FakeKernel
+    machine: Machine
+    guard: guard_client.GuardClient
     world: World
     remote: FakeRemote
     folder: Path
@@ -29,21 +31,29 @@ class Bench:
 
     def close(self) -> None:
         """Releases everything and removes the temporary folder."""
+        if self.kernel.entrance is not None:
+            self.kernel.entrance.close()
         self.remote.close()
-        self.kernel.sysfs.close()
-        shutil.rmtree(self.folder, ignore_errors=True)
+        self.guard.close()
+        self.machine.close()
 
 
-def build(config, scenario, seed: int, real_time: bool) -> Bench:
-    """A dry run of this configuration and scenario."""
-    shared = Path("/dev/shm")  # the tree in memory, as the real one is
-    folder = Path(tempfile.mkdtemp(prefix="mip-rt-", dir=shared if shared.is_dir() else None))
-    pins = board("beaglebone-black-cape" if config.board == "auto" else config.board, None)
+def build(config, scenario, seed: int, real_time: bool, machine: Machine | None = None, guard=None) -> Bench:
+    """A dry run of this configuration and scenario.
+
+    Args:
+        machine, guard: where they had to exist before numba was loaded: the board, and on real time the guard's process on it.
+    """
+    machine = machine or Machine(config)
+    folder, pins = machine.folder, machine.pins
     kernel = FakeKernel(folder, real_time)
     world = World(config, seed)
     remote = FakeRemote()
-    kernel.sysfs = FakeSysfs(folder, pins)
-    kernel.gpio = FakeGpio()
+    kernel.sysfs, kernel.gpio = machine.sysfs, machine.gpio
+    if real_time:
+        guard = guard or guard_client.start(config, machine)
+    else:
+        guard = kernel.guard = VirtualGuard(kernel, (GPIO[pins.enable[0]], pins.enable[1]), config.limits.guard_timeout_s)
     kernel.chip = FakeMpu9250(kernel.monotonic_ns)
     kernel.bus = FakeI2cBus(kernel.chip, config.imu.address, kernel.charge if real_time else None)
     kernel.world = world
@@ -53,6 +63,8 @@ def build(config, scenario, seed: int, real_time: bool) -> Bench:
     kernel.operator = Operator(
         scenario, config.remote.levels, world, remote.send, lambda now_ns: kernel.gpio.push_edge(*button, now_ns, FALLING)
     )
+    if real_time:  # on virtual time nobody could follow, and a run must depend on its seed alone
+        kernel.entrance = Entrance(folder / "entrance", kernel.operator, remote.send_bytes)
     image = folder / "dmp-stand-in.bin"
     image.write_bytes(stand_in_image())
-    return Bench(kernel, world, remote, folder, image, stand_in_sha256())
+    return Bench(kernel, machine, guard, world, remote, folder, image, stand_in_sha256())

@@ -43,8 +43,8 @@ class FakeKernel(Kernel):
         self._duty = np.zeros(3)
         self.fake_ns = np.zeros((TRUTH_ROWS, 2), np.int64)
         self._fake_row = 0
-        self.world = self.chip = self.operator = self.sysfs = self.gpio = self.bus = None
-        self.imu_line = self.motor_wiring = None
+        self.world = self.chip = self.operator = self.entrance = self.sysfs = self.gpio = self.bus = None
+        self.imu_line = self.motor_wiring = self.guard = None
 
     # -- what drivers call -------------------------------------------------------------------------------------------
     def monotonic_ns(self) -> int:
@@ -103,8 +103,13 @@ class FakeKernel(Kernel):
     def _sample(self) -> None:
         """One IMU sample: the world moves up to it, then its moment comes, then the chip takes it and raises its line."""
         due_ns = self._next_ns
+        if self.guard is not None:  # on virtual time it lives in here
+            self.guard.step(due_ns)
         enabled = self.motor_wiring.read(self._duty)
-        self.operator.sample((due_ns - self._start_ns) * 1e-9, due_ns, enabled)
+        now_s = (due_ns - self._start_ns) * 1e-9
+        if self.entrance is not None:
+            self.entrance.serve(now_s, due_ns)
+        self.operator.sample(now_s, due_ns, enabled)
         world = self.world
         world.advance(self._duty, enabled)
         self.motor_wiring.show_encoders(world.counts)

@@ -22,6 +22,9 @@ class Operator:
         world: fake.world.World.
         send: callable(x, y, buttons, start_select) that writes one frame; None without a remote.
         press_button: callable(timestamp_ns) that pushes the arm button.
+
+    Attributes:
+        quiet_until_s: no frames before this time: somebody else holds the remote.
     """
 
     def __init__(self, scenario, levels, world, send, press_button):
@@ -33,6 +36,8 @@ class Operator:
         self._level = self._level_for(0.0)
         self._speed = (0.0, 0.0)
         self._start_select = 0
+        self._enabled = self._gripped = False
+        self.quiet_until_s = 0.0
 
     def _level_for(self, yaw_rate_hz: float):
         level = self._levels.get(round(yaw_rate_hz, 6))
@@ -50,11 +55,29 @@ class Operator:
         while self._next < len(self._events) and self._events[self._next].at_s <= now_s:
             self._do(self._events[self._next], now_ns)
             self._next += 1
-        if enabled and self._world.held:
+        self._enabled = enabled
+        if enabled and self._world.held and not self._gripped:
             self._world.release()
-        if self._send is not None and self._world.samples % FRAME_EVERY == 0:
+        if self._send is not None and self._world.samples % FRAME_EVERY == 0 and now_s >= self.quiet_until_s:
             self._send(self._x, self._y, BUTTONS[self._level.button], self._start_select)
             self._start_select = 0
+
+    def press_arm(self, now_ns: int) -> None:
+        """A person presses the arm button; a robot with its motors off is held upright for it."""
+        self._gripped = False
+        if not self._enabled:
+            self._world.hold()
+        self._press_button(now_ns)
+
+    def grip(self) -> None:
+        """A person takes the robot and keeps it, motors on or off."""
+        self._gripped = True
+        self._world.hold()
+
+    def let_go(self) -> None:
+        """The person lets go; with the motors off, the robot falls."""
+        self._gripped = False
+        self._world.release()
 
     def _do(self, event, now_ns: int) -> None:
         if event.press in ("arm", "disarm"):

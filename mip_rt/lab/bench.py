@@ -1,7 +1,6 @@
-"""The verb `mip-rt bench`: what things cost, how well the estimators do, what the controller survives."""
+"""The verb `mip-rt bench`: what things cost, how well the estimators do, what the controller survives, how fast the guard is."""
 
 import json
-import sys
 import tempfile
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from mip_rt import session as runner
 from mip_rt.config import published
 from mip_rt.config import scenario as scenarios
 from mip_rt.fake import bench as fake_bench
+from mip_rt.progress import progress
 
 DRIVES = (("drive", 0.0), ("drive-spin-0.5", 0.5), ("drive-spin-1.0", 1.0), ("drive-spin-1.5", 1.5))
 ALL_SCENARIOS = ("hold", "spin-0.5", "spin-1.0", "spin-1.5", "drive-spin-1.0", "dissertation-6.4.5")
@@ -114,26 +114,17 @@ def speed(quick: bool) -> dict:
     return {"ekf_step_ns": ekf_ns, "tick_us": tick_us, "times_real_time": duration / (time.perf_counter() - begin)}
 
 
-def progress(done: int, total: int, what: str) -> None:
-    """A progress bar on standard error, where that is a terminal."""
-    if sys.stderr.isatty():
-        filled = round(30 * done / max(total, 1))
-        end = "\n" if done == total else "\r"
-        sys.stderr.write(f"[{'#' * filled}{'.' * (30 - filled)}] {done}/{total} {what}\x1b[K{end}")
-        sys.stderr.flush()
-
-
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage"),
+    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard"),
                         help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; cost of the log in the "
-                        "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits")  # fmt: skip
+                        "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang")  # fmt: skip
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--quick", action="store_true", help="fewer seeds or ticks")
+    parser.add_argument("--quick", action="store_true", help="fewer seeds, ticks or runs")
 
 
 def run(arguments) -> int:
-    """Exit code 1 where a robustness draw fell or a log lost more than it may."""
+    """Exit code 1 where a robustness draw fell, a log lost more than it may, or the enable line fell too late."""
     if arguments.what == "estimators":
         table = estimators(arguments.quick)
         print(json.dumps(table)) if arguments.json else print_estimators(table)

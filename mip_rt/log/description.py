@@ -55,6 +55,7 @@ def header(layout: frame.Layout, config_text: str, extra: dict | None = None, mo
             "numpy": np.__version__,
             "llvmlite": llvmlite.__version__,
         },
+        "machine_type": compiled.machine_type(),
         "host": {
             "name": platform.node(),
             "machine": platform.machine(),

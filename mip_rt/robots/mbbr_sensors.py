@@ -30,7 +30,8 @@ PARAMETERS = np.dtype(
 )
 STATE = np.dtype(
     [
-        ("attitude_rad", "f8", (3,)),  # last good one, yaw unwrapped
+        ("quaternion", "f8", (4,)),  # last good one; zero before the first
+        ("attitude_rad", "f8", (3,)),  # likewise, yaw unwrapped
         ("gyro_rad_s", "f8", (3,)),
         ("acceleration_m_s2", "f8", (3,)),
         ("wheel_history_rad", "f8", (3, filters.DERIVATIVE_TAPS)),
@@ -76,10 +77,10 @@ def read_imu(p, s, row):
         x /= norm
         y /= norm
         z /= norm
-        row.quaternion[0] = w
-        row.quaternion[1] = x
-        row.quaternion[2] = y
-        row.quaternion[3] = z
+        s.quaternion[0] = w
+        s.quaternion[1] = x
+        s.quaternion[2] = y
+        s.quaternion[3] = z
         s.attitude_rad[0] = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
         s.attitude_rad[1] = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x))))
         yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
@@ -93,6 +94,8 @@ def read_imu(p, s, row):
                 rate += p.mounting[i, k] * _int16(packet, 22 + 2 * k)
             s.gyro_rad_s[i] = rate * p.gyro_scale_rad_s - row.gyro_bias_rad_s[i]
             s.acceleration_m_s2[i] = -force * p.accel_scale_m_s2
+    for i in range(4):
+        row.quaternion[i] = s.quaternion[i]
     for i in range(3):
         row.attitude_rad[i] = s.attitude_rad[i]
         row.gyro_rad_s[i] = s.gyro_rad_s[i]

@@ -13,6 +13,7 @@ from mip_rt.estimators import mbbr_ekf, mbbr_kf
 from mip_rt.models import mbbr, mbbr_linear, mbbr_yaw
 from mip_rt.robots import mbbr as robot
 from mip_rt.robots import mbbr_frame
+from mip_rt.robots.persistence import Persistence
 
 # name: (kind, DMP attitude to the controller, model variant or None for the configured one, yaw rotation)
 ESTIMATORS = {
@@ -35,6 +36,8 @@ class Robot:
         names: estimator names by slot; the first controls.
         gyro_bias_rad_s: the gyro's rates at rest, body axes; an input of every tick.
         parameters, state, estimator_parameters, estimator_states: the step's arrays.
+        command_in_force: (3,) body command that the estimators are told at the next tick; a view into the state.
+        persistence: what the next tick reads of this one: see robots.persistence.
     """
 
     def __init__(self, names, parameters, state, estimator_parameters, estimator_states):
@@ -51,6 +54,8 @@ class Robot:
                 (estimator_states, robot.ESTIMATOR_STATE),
             )
         )
+        self.command_in_force = np.asarray(state["applied"])[0]
+        self.persistence = Persistence(state, estimator_states, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES)
         self.gyro_bias_rad_s = (0.0, 0.0, 0.0)
         self._rows = None
 
@@ -146,6 +151,7 @@ def build(config, shadows=None) -> Robot:
     p = parameters[0]
     p.dt_s, p.tip_rad = dt_s, config.limits.tip_rad
     p.nominal_voltage_v = config.motor.nominal_voltage_v
+    p.odometry = 1 if config.estimator.odometry == "encoders" else 0
     p.battery_pole = pole_from_rate(BATTERY_SMOOTHING_RAD_S, dt_s)
     _configure_sensors(p.sensors, config, dt_s)
     _configure_control(p, config, dt_s)

@@ -9,6 +9,7 @@ from helpers import DryRun, make_config
 
 from mip_rt import frame
 from mip_rt.config.scenario import Event, Scenario
+from mip_rt.prearm import CHECKS, failing
 from mip_rt.supervisor import State
 
 
@@ -40,7 +41,7 @@ def test_does_not_arm_with_a_deflected_stick(tmp_path):
     with DryRun(tmp_path, scenario=script(*events)) as dry:
         dry.run(5.0)
         assert dry.state is State.DISARMED
-        assert "remote_not_centred" in [refusal.code for refusal in dry.session.refusals]
+        assert "remote_not_centred" in [check.code for check in failing(int(dry.row["refusals"]))]
 
 
 def test_arming_waits_until_upright(tmp_path):
@@ -229,7 +230,7 @@ def test_no_duty_leaves_the_supervisor_outside_balancing(state):
     motors = FakeMotors()
     supervisor = Supervisor(motors, make_config().limits, 0.005, 0.3)
     supervisor.state = state
-    supervisor.why_not_armed = ["not ready"]
+    supervisor.refusals = CHECKS["battery_low"].bit
     for tick in range(3):
         assert supervisor.apply(tick, IMU_OK, 0, True, (1000, 1000, 1000)) is False
     assert motors.written == [] and not motors.enabled
