@@ -142,3 +142,20 @@ def test_a_closed_pipe_is_no_error(fallen):
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()
     assert process.stderr.read() == b"" and process.wait(30) == 0
+
+
+def test_no_action_imports_numba_and_help_not_even_numpy(fallen):
+    """On the BeagleBone importing numba takes seconds, and none of this needs it."""
+    import subprocess
+    import sys
+
+    code = (
+        "import sys; from mip_rt import cli\n"
+        "try: cli.main(sys.argv[1:])\n"
+        "except SystemExit: pass\n"
+        "print(*(name for name in ('numba', 'numpy', 'yaml', 'matplotlib') if name in sys.modules), file=sys.stderr)"
+    )
+    for arguments, allowed in ((["log", "--help"], ""), (["log", "tail", "--help"], ""), (["log", "info", str(fallen)], "numpy yaml"),
+                               (["log", "tail", str(fallen)], "numpy yaml")):  # fmt: skip
+        result = subprocess.run([sys.executable, "-c", code, *arguments], capture_output=True, text=True, check=True)
+        assert result.stderr.splitlines()[-1] == allowed and result.stdout, arguments
