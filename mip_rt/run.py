@@ -9,7 +9,7 @@ from mip_rt.errors import ConfigError
 def add_arguments(parser) -> None:
     """Declares the arguments of a run."""
     parser.add_argument("--config", metavar="FILE", help="configuration file (default: the installed or shipped one)")
-    parser.add_argument("--robot", choices=("mbbr",), default="mbbr")
+    parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change one value of the configuration")
     parser.add_argument("--dry-run", action="store_true", help="on a PC: the same code against simulated chips and a simulated robot")
     parser.add_argument("--duration", metavar="S", type=float, help="stop after so many seconds (dry run: the scenario's length)")
@@ -64,7 +64,7 @@ def run(arguments) -> int:
         if arguments.dry_run:
             from mip_rt.fake import bench as fake_bench
 
-            bench = fake_bench.build(config, scenario, arguments.seed, real_time, machine, guard)
+            bench = fake_bench.build(config, scenario, arguments.seed, real_time, machine, guard, arguments.config)
             if arguments.remote is None:
                 remote = bench.remote.device
         # On the robot the ring stays in memory, whatever the recorder's folder: a mapped file on a disk makes the loop wait for it.

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from mip_rt import guard_client
 from mip_rt.fake.entrance import Entrance
+from mip_rt.fake.injection import Injector
 from mip_rt.fake.kernel import FALLING, FakeKernel
 from mip_rt.fake.machine import Machine
 from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256
@@ -18,7 +19,13 @@ from mip_rt.hardware.boards import GPIO
 
 @dataclass
 class Bench:
-    """A running dry run's parts; `guard` holds the motor-enable line."""
+    """A running dry run's parts.
+
+    Attributes:
+        guard: holds the motor-enable line.
+        config_path: the file that the user configured the run from; None for the shipped one.
+        injector: fake.injection.Injector of the scenario's faults.
+    """
 
     kernel: FakeKernel
     machine: Machine
@@ -28,9 +35,12 @@ class Bench:
     folder: Path
     image_path: Path
     image_sha256: str
+    config_path: Path | None = None
+    injector: Injector | None = None
 
     def close(self) -> None:
         """Releases everything and removes the temporary folder."""
+        self.injector.close()
         if self.kernel.entrance is not None:
             self.kernel.entrance.close()
         self.remote.close()
@@ -38,10 +48,11 @@ class Bench:
         self.machine.close()
 
 
-def build(config, scenario, seed: int, real_time: bool, machine: Machine | None = None, guard=None) -> Bench:
+def build(config, scenario, seed: int, real_time: bool, machine: Machine | None = None, guard=None, config_path=None) -> Bench:
     """A dry run of this configuration and scenario.
 
     Args:
+        config_path: the file of the configuration, where faults may touch it.
         machine, guard: where they had to exist before numba was loaded: the board, and on real time the guard's process on it.
     """
     machine = machine or Machine(config)
@@ -60,11 +71,13 @@ def build(config, scenario, seed: int, real_time: bool, machine: Machine | None 
     kernel.imu_line = (GPIO[pins.imu_interrupt[0]], pins.imu_interrupt[1])
     kernel.motor_wiring = Wiring(config, pins, kernel.sysfs, kernel.gpio)
     button = (GPIO[pins.arm_button[0]], pins.arm_button[1])
+    image = folder / "dmp-stand-in.bin"
+    image.write_bytes(stand_in_image())
+    bench = Bench(kernel, machine, guard, world, remote, folder, image, stand_in_sha256(), config_path)
+    bench.injector = Injector(bench, seed)
     kernel.operator = Operator(
-        scenario, config.remote.levels, world, remote.send, lambda now_ns: kernel.gpio.push_edge(*button, now_ns, FALLING)
+        scenario, config.remote.levels, world, remote.send, lambda now_ns: kernel.gpio.push_edge(*button, now_ns, FALLING), bench.injector
     )
     if real_time:  # on virtual time nobody could follow, and a run must depend on its seed alone
         kernel.entrance = Entrance(folder / "entrance", kernel.operator, remote.send_bytes)
-    image = folder / "dmp-stand-in.bin"
-    image.write_bytes(stand_in_image())
-    return Bench(kernel, machine, guard, world, remote, folder, image, stand_in_sha256())
+    return bench

@@ -162,6 +162,11 @@ class FakeGpio:
         self._events[address, offsets[0]] = request
         return request.fd
 
+    def drives(self, fd: int, address: str, offset: int) -> bool:
+        """The descriptor holds this output line."""
+        bank, offsets = self._outputs.get(fd, (None, ()))
+        return bank is self._banks.get(address) and offset in offsets
+
     def push_edge(self, address: str, offset: int, timestamp_ns: int, edge: int) -> bool:
         """An edge (1 rising, 2 falling) at a line; False where nobody listens or the buffer is full (the kernel drops then, too)."""
         request = self._events.get((address, offset))

@@ -77,7 +77,12 @@ def _frames(blocks, dtype, damage: list):
         view[at : at + block.rows] = raw.reshape(shape).T if block.columns else raw.reshape(shape[::-1])
         at += block.rows
     order = np.argsort(frames["tick"], kind="stable")
-    return frames if (np.diff(order) == 1).all() else frames[order]
+    frames = frames if (np.diff(order) == 1).all() else frames[order]
+    twice = np.flatnonzero(np.diff(frames["tick"]) == 0) + 1
+    if len(twice):
+        damage.append(f"{len(twice)} rows are there twice")
+        frames = np.delete(frames, twice)
+    return frames
 
 
 def gaps(tick) -> list[str]:
