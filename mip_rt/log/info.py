@@ -68,6 +68,8 @@ def report(log, config_path=None) -> dict:
     missed, lost = events.missed(frames, times_s), events.gaps(frames, times_s)
     passed = int(frames["tick"][-1] - frames["tick"][0]) + int(frames["missed"][1:].sum())
     changes = events.transitions(frames, times_s, codes)
+    resting = frames["state"] != codes.balancing_state
+    idle = frames[resting]
     header = log.header
     return {
         "log": str(log.path),
@@ -93,7 +95,9 @@ def report(log, config_path=None) -> dict:
         "states": changes,
         "faults": events.faults(frames, times_s, codes),
         "limits": events.limits(frames, codes, times_s),
-        "imu": events.imu_troubles(frames, codes, times_s),
+        "alarms": events.bits(frames, "alarms", codes, times_s),
+        "refusals": events.bits(idle, "refusals", codes, times_s[resting]),
+        "imu": events.bits(frames, "imu_status", codes, times_s),
         "configuration": _configuration(log, config_path),
         "recorder": _recorder(log),
         "calibration": header.get("calibration", {}),
@@ -143,7 +147,7 @@ def _configuration(log, path) -> dict:
 
 def render(report: dict) -> str:
     """The report for people."""
-    from mip_rt.log.events import in_words
+    from mip_rt.log.events import before_in_words
 
     r = report
     lines = [f"{r['log']}: {r['robot']}, {r['ticks']} ticks from {r['begin_s']:.3f} s on, {r['span_s']:.3f} s at {r['rate_hz']:.2f} Hz"]
@@ -157,11 +161,10 @@ def render(report: dict) -> str:
     lines += ["", "faults" if r["faults"] else "no fault"]
     for entry in r["faults"]:
         lines.append(f"  {_when(entry)}: {entry['code']}: {entry['sentence']}" + (f"; cure: {entry['cure']}" if entry["cure"] else ""))
-        if entry["limits_before"]:
-            lines.append("    in the second before: " + in_words(entry["limits_before"]))
+        lines += [f"    {before}" for before in [before_in_words(entry)] if before]
     lines += ["", "states"]
     lines += _listed(r["states"], lambda e: f"  {_when(e)}: {e['state']}")
-    for title, key in (("limits applied", "limits"), ("IMU troubles", "imu")):
+    for title, key in (("limits applied", "limits"), ("alarms", "alarms"), ("IMU troubles", "imu"), ("not armed because of", "refusals")):
         if r[key]:
             lines += ["", f"{title:<24} {'ticks':>8}  {'first':>10}  {'last':>10}"]
             lines += [f"  {name:<22} {e['ticks']:>8}  {e['first_s']:>8.3f} s  {e['last_s']:>8.3f} s" for name, e in r[key].items()]

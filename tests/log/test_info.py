@@ -7,9 +7,10 @@ import pytest
 
 from mip_rt import cli
 from mip_rt.errors import ConfigError
-from mip_rt.frame import LIMITS
+from mip_rt.frame import ALARMS, LIMITS
 from mip_rt.log import open as open_log
 from mip_rt.log.info import EDGES_US, render, report
+from mip_rt.prearm import CHECKS
 from mip_rt.supervisor import FAULTS, State
 
 
@@ -38,7 +39,10 @@ def test_limits_have_counts_and_first_and_last_time(make_log, rows):
     frames["limits"][80] |= LIMITS["remote_lost"] | 1 << 40
     frames["imu_status"] = 1
     frames["imu_status"][5] = 1 | 4
+    frames["alarms"][70:75] = ALARMS["encoder_static"]
+    frames["state"], frames["refusals"] = State.DISARMED, CHECKS["battery"].bit
     found = info(make_log(frames))
+    assert {n: e["ticks"] for n, e in found["alarms"].items()} == {"encoder_static": 5} and found["refusals"]["battery"]["ticks"] == 100
     assert {n: (e["ticks"], e["first_s"], e["last_s"]) for n, e in found["limits"].items()} == {
         "lean_limited": (3, 0.05, 0.4), "remote_lost": (1, 0.4, 0.4), "bit 40": (1, 0.4, 0.4)}  # fmt: skip
     assert {n: e["ticks"] for n, e in found["imu"].items()} == {"backlog": 1}
