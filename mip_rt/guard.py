@@ -78,7 +78,7 @@ class Guard:
 
 
 def watch(guard: Guard, line: OutputLines, control_fd: int, parent: int) -> None:
-    """Drives the line until the loop's process is gone. OSError where the kernel refuses to drive it: who calls must then let it go."""
+    """Drives the line until the loop's process is gone, and then low. OSError where the kernel refuses: who calls must then let it go."""
     poll = select.poll()
     poll.register(control_fd, select.POLLIN)
     level = 0
@@ -89,7 +89,8 @@ def watch(guard: Guard, line: OutputLines, control_fd: int, parent: int) -> None
             line.set(wanted, 1)
             level = wanted
         if poll.poll(guard.wait_ms) and not os.read(control_fd, 64):
-            return
+            break
+    line.set(0, 1)
 
 
 def main(kernel, arguments) -> int:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import mip_rt
 from mip_rt.errors import GpioError, MipRtError
-from mip_rt.guard import BEAT, DROPPED, GUARD_BEAT, HALF, LINE_DROPPED, LOST, MASK, OK, REQUEST, WORDS_BYTES, stamp
+from mip_rt.guard import BEAT, DROPPED, GUARD_BEAT, HALF, LINE_DROPPED, LOST, MASK, OK, REQUEST, WORDS_BYTES
 
 PRIORITY_ABOVE_LOOP = 5  # 45 with the shipped 40: above the loop, still below the interrupt threads at 50
 START_LIMIT_S = 15.0
@@ -32,10 +32,14 @@ class GuardClient:
 
     def __init__(self, words, timeout_s: float):
         self._words = words
-        self._timeout = stamp(round(timeout_s * 1e9))
+        self.patience_s(timeout_s)
         self._request = 2  # never 0, which stands for "nothing dropped yet"
         self.status = OK
         self.warnings = []
+
+    def patience_s(self, seconds: float) -> None:
+        """How old the guard's own beat may be; any age from 37 minutes on."""
+        self._timeout = min(round(seconds * 1e9) >> 10, HALF)
 
     def set(self, on: bool) -> None:
         """Asks for the line to be high or low. Never waits.
@@ -57,7 +61,7 @@ class GuardClient:
     def beat(self, now_ns: int) -> int:
         """The loop has come so far at this time; returns `status`."""
         words = self._words
-        now = now_ns >> 10 & MASK  # stamp() and age() without their calls: this is in every tick
+        now = now_ns >> 10 & MASK  # guard.stamp and guard.age without their calls: this is in every tick
         words[BEAT] = now
         if self._timeout < (now - words[GUARD_BEAT] & MASK) < HALF and self.status != LOST:
             self.status = LOST

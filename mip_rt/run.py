@@ -9,7 +9,7 @@ from mip_rt.errors import ConfigError
 def add_arguments(parser) -> None:
     """Declares the arguments of a run."""
     parser.add_argument("--config", metavar="FILE", help="configuration file (default: the installed or shipped one)")
-    parser.add_argument("--robot", choices=("mbbr",), default="mbbr")
+    parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change one value of the configuration")
     parser.add_argument("--dry-run", action="store_true", help="on a PC: the same code against simulated chips and a simulated robot")
     parser.add_argument("--duration", metavar="S", type=float, help="stop after so many seconds (dry run: the scenario's length)")

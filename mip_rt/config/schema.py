@@ -101,6 +101,8 @@ MBBR = {
                                   choices=("z_up", "z_down", "x_up", "x_down", "y_up", "y_down", "x_forward", "x_back")),
         "mounting": matrix(((1, 0, 0), (0, 0, -1), (0, 1, 0)), "Body axes from chip axes, row by row, for accelerometer and gyro."),
         "position_m": numbers((0.0, 0.0, 0.130), "IMU from the ball's centre, body axes, l_a.", 3, "m", -1, 1),
+        "calibration_file": Text("/var/lib/mip-rt/calibration.json", "This unit's calibration; without it the bias measured at the start counts alone.",
+                                 wanted="a path"),
         "interrupt_latched": F(False, "Latch the interrupt until a register is read, instead of a 50 us pulse."),
     },
     "battery": {
@@ -108,7 +110,10 @@ MBBR = {
         "ratio": N(11.0, "Divider.", low=1, high=100),
         "offset_v": N(-0.10, "Added after the divider.", unit="V", low=-2, high=2),
         "plausible_v": numbers((5.0, 9.0), "Readings outside are no readings.", 2, "V", 0, 60),
-        "minimum_v": N(6.4, "Do not arm below.", unit="V", low=0, high=60),
+        "warn_v": N(6.6, "Warn below.", unit="V", low=0, high=60),
+        "minimum_v": N(6.4, "Do not arm below; while balancing, drive commands shrink to nothing between this and cutoff_v.",
+                       unit="V", low=0, high=60),
+        "cutoff_v": N(5.5, "Below for 2 s, smoothed and under load: motors off.", unit="V", low=0, high=60),
     },
     "estimator": {
         "control": Choice("dmp_ekf", "Estimator that controls.", choices=published.ESTIMATORS),
@@ -166,13 +171,21 @@ MBBR = {
         "imu_silence_s": N(0.03, "Motors off after so long without an interrupt.", unit="s", low=0.006, high=0.045),
         "guard_timeout_s": N(0.06, "The guard drops the enable line when the loop's heartbeat is older.", unit="s", low=0.02, high=0.09),
         "duty": N(1.0, "Largest wheel command.", low=0.05, high=1),
+        "arming_timeout_s": N(30.0, "Not held upright within this time after the button: disarmed again.", unit="s", low=1, high=600),
+        "saturation_s": N(0.4, "Motors off when a wheel command is clipped in one direction for so long.", unit="s", low=0.05, high=10),
+        "stall_duty_s": N(0.2, "Motors off when |duty| over a standing count integrates to this.", unit="s", low=0.02, high=10),
+        "wheel_mismatch_rad": N(0.2, "Wheels and gyro disagree when their spins over 0.1 s differ by more.", unit="rad", low=0.02, high=10),
+        "race_share": N(0.7, "Motors off when a wheel runs for 0.1 s at more than this share of its no-load speed.", low=0.1, high=2),
+        "rate_tolerance": N(0.03, "Largest relative error of the IMU's rate.", low=0.001, high=0.5),
+        "spin_down": numbers((0.30, 9.0, 15.0), "Errors of lean (rad), ball angle (rad), ball speed (rad/s) that end a spin.", 3, low=0, high=1e6),
+        "spin_resume": numbers((0.075, 5.0, 2.5), "Below all of these the spin begins again (A).", 3, low=0, high=1e6),
     },
     "realtime": {
         "rate_hz": N(200.0, "The IMU's rate; the DMP has no other.", unit="Hz", low=200, high=200),
         "policy": Choice("fifo", "Scheduling.", choices=("fifo", "other")),
         "priority": I(40, "SCHED_FIFO priority, below the I2C and GPIO interrupt threads (50).", low=1, high=98),
         "lock_memory": F(True, "Lock all pages."),
-        "strict": F(False, "Refuse to run where a real-time setting is refused."),
+        "strict": F(False, "Do not arm where a real-time setting is refused; otherwise that is a warning."),
     },
     "log": {
         "ring_s": N(120.0, "Seconds that the ring holds.", unit="s", low=1, high=3600),
@@ -189,5 +202,3 @@ MBBR = {
     },
     "dry_run": DRY_RUN,
 }  # fmt: skip
-
-ROBOTS = {"mbbr": MBBR}

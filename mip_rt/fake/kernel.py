@@ -41,7 +41,6 @@ class FakeKernel(Kernel):
         self._prepared = False
         self._poll = select.poll()
         self._polled = set()
-        self._duty = np.zeros(3)
         self.fake_ns = np.zeros((TRUTH_ROWS, 2), np.int64)
         self._fake_row = 0
         self.world = self.chip = self.operator = self.entrance = self.sysfs = self.gpio = self.bus = None
@@ -114,13 +113,13 @@ class FakeKernel(Kernel):
         due_ns = self._next_ns
         if self.guard is not None:  # on virtual time it lives in here
             self.guard.step(due_ns)
-        enabled = self.motor_wiring.read(self._duty)
+        enabled = self.motor_wiring.read(self.world.duty)
         now_s = (due_ns - self.start_ns) * 1e-9
         if self.entrance is not None:
             self.entrance.serve(now_s, due_ns)
         self.operator.sample(now_s, due_ns, enabled)
         world = self.world
-        world.advance(self._duty, enabled)
+        world.advance(world.duty, enabled)
         self.motor_wiring.show_encoders(world.counts)
         if world.samples % 40 == 1:
             self.motor_wiring.show_battery(world.battery_raw)

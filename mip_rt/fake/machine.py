@@ -4,6 +4,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
+from mip_rt.config.robots import ROBOTS
 from mip_rt.fake.gpio import FakeGpio
 from mip_rt.fake.sysfs import FakeSysfs
 from mip_rt.hardware.boards import board
@@ -21,7 +22,7 @@ class Machine:
     def __init__(self, config):
         shared = Path("/dev/shm")
         self.folder = Path(tempfile.mkdtemp(prefix="mip-rt-", dir=shared if shared.is_dir() else None))
-        self.pins = board("beaglebone-black-cape" if config.board == "auto" else config.board, None)
+        self.pins = board(ROBOTS[config.robot]["board"].default if config.board == "auto" else config.board, None)
         self.sysfs = FakeSysfs(self.folder, self.pins)
         self.gpio = FakeGpio(self.folder)
 

@@ -188,6 +188,8 @@ class FakeMpu9250:
             if registers[r.USER_CTRL] & r.USER_FIFO_EN:
                 for part in self._cut:
                     self._push(packet[part])
+        elif self.memory[r.CFG_20] == 0xF8:
+            return False  # with tap detection on, interrupts come with the packets; without it, with every sample
         registers[r.INT_STATUS] |= r.INT_DMP
         if not registers[r.INT_ENABLE] & r.INT_DMP:
             return False

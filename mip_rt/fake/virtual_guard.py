@@ -4,7 +4,7 @@ A process that lives in real time cannot watch a loop on a virtual clock. There,
 simulated world, once a sample, and drives the same line through the same driver; so a run stays deterministic.
 """
 
-from mip_rt.guard import BEAT, GUARD_BEAT, WORDS_BYTES, Guard, stamp
+from mip_rt.guard import WORDS_BYTES, Guard
 from mip_rt.guard_client import GuardClient
 from mip_rt.hardware.gpio import OutputLines
 
@@ -34,10 +34,6 @@ class VirtualGuard(GuardClient):
             level = self._guard.step(now_ns)
             if level != self._line.values:
                 self._line.set(level, 1)
-
-    def jump(self, now_ns: int) -> None:
-        """The clock jumps to this time: both sides count as having beaten just now."""
-        self._words[BEAT] = self._words[GUARD_BEAT] = stamp(now_ns)
 
     def kill(self) -> None:
         """The guard dies: the kernel releases its line."""

@@ -4,7 +4,7 @@ from mip_rt.hardware.boards import GPIO
 
 
 class Wiring:
-    """Three motors, three encoders and the battery of one board.
+    """Motors, encoders and battery of one board.
 
     Args:
         config: configuration (motors, encoders, battery, motor).
@@ -23,10 +23,10 @@ class Wiring:
         self._encoder_index = [channel - 1 for channel in config.encoders.channels]
         self._battery_channel = config.battery.adc_channel
         self._parts = None
-        self._shown = [None, None, None]
+        self._shown = [None] * len(self._encoder_index)
 
     def read(self, duty) -> bool:
-        """Fills duty (3,) with the signed duties by wheel that the drivers see; returns whether they are enabled."""
+        """Fills duty (wheels,) with the signed duties by wheel that the drivers see; returns whether they are enabled."""
         if self._parts is None and not self._connect():
             duty[:] = 0.0
             return False
@@ -54,11 +54,11 @@ class Wiring:
 
     def show_encoders(self, counts) -> None:
         """Puts the wheels' counts into the counters."""
-        for i in range(3):
+        for i, index in enumerate(self._encoder_index):
             count = int(counts[i])
             if count != self._shown[i]:
                 self._shown[i] = count
-                self._sysfs.set_count(self._encoder_index[i], count)
+                self._sysfs.set_count(index, count)
 
     def count_file(self, wheel: int):
         """The mapped file of a wheel's counter."""

@@ -66,7 +66,7 @@ def open_devices(kernel, config, enable, remote_device: str | None, image=None) 
     settings = config.imu
     if image is not None:
         settings = SimpleNamespace(**{**vars(config.imu), "dmp_image": image[0], "dmp_image_sha256": image[1]})
-    imu = Mpu9250(kernel, settings)
+    imu = Mpu9250(kernel, settings, config.realtime.rate_hz)
     imu.start()
     remote = RemoteCommand(port, FourJoyDecoder(), config.remote)
     return Devices(imu, imu_line, encoders, motors, battery, button, remote, port, battery.read())

@@ -11,12 +11,12 @@ from mip_rt.hardware.pwm import PwmChannel
 
 
 class Motors:
-    """Three motors.
+    """The motors of a robot.
 
     Args:
         kernel: hardware.kernel.Kernel.
         board: hardware.boards.Board.
-        channels: the board's motor outputs of wheels 1 to 3.
+        channels: the board's motor outputs by wheel.
         period_ns: PWM period.
         enable: the enable line: guard_client.GuardClient.
 
@@ -43,7 +43,7 @@ class Motors:
         self._direction = [
             tuple((lines[bank], 1 << by_bank[bank].index(offset)) for bank, offset in (pin.a, pin.b)) for pin in pins
         ]
-        self._sign = [0, 0, 0]
+        self._sign = [0] * len(pins)
 
     def start(self) -> None:
         """Sets up the PWM channels, all off; the enable line stays low."""
@@ -64,12 +64,12 @@ class Motors:
             return self._failed(error)
 
     def write(self, duty_ns) -> bool:
-        """Three signed pulses in ns; only changes reach the kernel. False where it refuses.
+        """One signed pulse in ns a motor; only changes reach the kernel. False where it refuses.
 
         At a reversal the old pulse is taken away before the direction changes.
         """
         try:
-            for i in range(3):
+            for i in range(len(self._sign)):
                 pulse = duty_ns[i]
                 if pulse == 0:
                     self._pwm[i].write(0)

@@ -5,6 +5,7 @@ wrong comes back as bits (imu_status) and in `counters`.
 """
 
 import ctypes
+import errno
 import math
 import struct
 
@@ -15,6 +16,7 @@ from mip_rt.hardware.imu_status import (
     IMU_BACKLOG,
     IMU_BAD_NORM,
     IMU_BUS_ERROR,
+    IMU_BUS_TIMEOUT,
     IMU_FROZEN,
     IMU_MISALIGNED,
     IMU_NO_DATA,
@@ -43,6 +45,7 @@ class Mpu9250:
     Args:
         kernel: hardware.kernel.Kernel.
         settings: the configuration's imu section.
+        rate_hz: packets a second, a divisor of 200.
 
     Attributes:
         chip: name of the chip that answered, after `start`.
@@ -50,10 +53,11 @@ class Mpu9250:
         counters: how often each kind of trouble occurred.
     """
 
-    def __init__(self, kernel, settings):
+    def __init__(self, kernel, settings, rate_hz: float = dmp.SAMPLE_HZ):
         from smbus2 import i2c_msg
 
         self._kernel, self._settings, self._message = kernel, settings, i2c_msg
+        self._rate_hz = rate_hz
         self._bus = kernel.open_i2c(settings.bus)
         address = settings.address
         count_reply = i2c_msg.read(address, 2)
@@ -87,7 +91,7 @@ class Mpu9250:
         self._step("configure", self._configure)
         self._step("load the DMP image", lambda: self._write_memory(0, image))
         self._step("start address", lambda: self._write(r.PRGM_START_H, r.DMP_START >> 8, r.DMP_START & 0xFF))
-        for address, data in dmp.feature_writes(s.dmp_orientation, s.accel_range_g):
+        for address, data in dmp.feature_writes(s.dmp_orientation, s.accel_range_g, self._rate_hz):
             self._step(f"DMP feature at {address}", lambda a=address, d=data: self._write_memory(a, d))
         self._step("start the FIFO", self.recover)
 
@@ -173,26 +177,25 @@ class Mpu9250:
                 )
 
     # -- hot path ----------------------------------------------------------------------------------------------------
-    def _transfer(self, prepared) -> bool:
-        try:
-            self._bus.transfer(prepared)
-            return True
-        except OSError as error:
-            if error.errno == 110:  # the kernel has already waited a second: no retry
-                self.counters["bus_errors"] += 1
-                return False
-        try:
-            self._bus.transfer(prepared)
-            return True
-        except OSError:
-            self.counters["bus_errors"] += 1
-            return False
+    def _transfer(self, prepared) -> int:
+        """0, or the bits of what went wrong; one immediate retry, none after a time-out: the kernel has already waited a second."""
+        for _ in range(2):
+            try:
+                self._bus.transfer(prepared)
+                return 0
+            except OSError as error:
+                if error.errno == errno.ETIMEDOUT:
+                    self.counters["bus_errors"] += 1
+                    return IMU_BUS_ERROR | IMU_BUS_TIMEOUT
+        self.counters["bus_errors"] += 1
+        return IMU_BUS_ERROR
 
     def read(self, buffer, offset: int) -> int:
         """Copies the newest packet (32 bytes) to buffer[offset:]; returns the IMU_* bits. Never raises for the bus."""
         self.backlog = 0
-        if not self._transfer(self._read_count):
-            return IMU_BUS_ERROR
+        refused = self._transfer(self._read_count)
+        if refused:
+            return refused
         count_bytes = self._count_bytes
         count = (count_bytes[0] & 0x1F) << 8 | count_bytes[1]
         if count == 0:
@@ -200,8 +203,9 @@ class Mpu9250:
         status = 0
         if count % r.PACKET_BYTES:
             self._kernel.sleep(HALF_WRITTEN_WAIT_S)
-            if not self._transfer(self._read_count):
-                return IMU_BUS_ERROR
+            refused = self._transfer(self._read_count)
+            if refused:
+                return refused
             count = (count_bytes[0] & 0x1F) << 8 | count_bytes[1]
             if count % r.PACKET_BYTES:
                 self.counters["misaligned"] += 1
@@ -211,8 +215,9 @@ class Mpu9250:
             waiting = len(self._packets)
             self.counters["overflows"] += 1
             status |= IMU_OVERFLOW
-        if not self._transfer(self._read_fifo[waiting - 1]):
-            return status | IMU_BUS_ERROR
+        refused = self._transfer(self._read_fifo[waiting - 1])
+        if refused:
+            return status | refused
         if waiting > 1:
             self.backlog = waiting - 1
             self.counters["backlog"] += waiting - 1

@@ -40,13 +40,13 @@ class Pace:
         time.sleep(max(0.0, self._next - now))
 
 
-def dry_run(folder: Path, duration_s: float, record: bool, live=None, **overrides) -> dict:
-    """Summary of a deterministic dry run in this process."""
+def dry_run(folder: Path, duration_s: float, record, live=None, **overrides) -> dict:
+    """Summary of a deterministic dry run in this process; `record`: folder of the recorder, or None."""
     changes = {name.replace("__", "."): value for name, value in overrides.items()}
     config = configuration.load(configuration.default_path("mbbr"), {"estimator.shadows": "[]", "log.ring_s": "20", **changes})
     bench = fake_bench.build(config, scenarios.load("hold"), 1, False)
     try:
-        session = runner.Session(config, bench, folder, bench.remote.device, 1, "hold", folder if record else None)
+        session = runner.Session(config, bench, folder, bench.remote.device, 1, "hold", record)
         return session.run(duration_s, runner.Stop(), live, False)
     finally:
         bench.close()
@@ -59,7 +59,7 @@ def in_child(folder: Path, duration_s: float, rate_hz: float) -> int:
         return child
     try:
         os.setsid()
-        dry_run(folder, duration_s, True, Pace(rate_hz))
+        dry_run(folder, duration_s, folder, Pace(rate_hz))
     finally:
         os._exit(0)
 
@@ -157,7 +157,7 @@ def kill(count: int, seed: int, together: int = 4, progress=lambda done, total: 
     """Verdicts of `count` runs, some at the same time; victims take turns, moments are random."""
     source = random.Random(seed)
     with tempfile.TemporaryDirectory() as folder:
-        reference = open_log(dry_run(Path(folder), 20.0, False)["log"]).frames
+        reference = open_log(dry_run(Path(folder), 20.0, None)["log"]).frames
     verdicts = []
     for begin in range(0, count, together):
         killings = [Killing(VICTIMS[i % 3], source.uniform(0.0, 2.5)) for i in range(begin, min(count, begin + together))]
@@ -170,7 +170,7 @@ def kill(count: int, seed: int, together: int = 4, progress=lambda done, total: 
 
 def sample(folder: Path, duration_s: float) -> tuple[Path, Path]:
     """(ring, recorded file) of an undisturbed run."""
-    report = dry_run(folder, duration_s, True)
+    report = dry_run(folder, duration_s, folder)
     (recorded,) = Path(report["recorder"]["folder"]).iterdir()
     (ring,) = folder.glob("*.ring")
     return ring, recorded

@@ -5,6 +5,7 @@ backlog grow; rows that the ring had to overwrite meanwhile are counted. When th
 ends. Everything it knows stands in the ring's status page and, twice a second, in the log itself.
 """
 
+import contextlib
 import os
 import signal
 import sys
@@ -47,7 +48,7 @@ class Recorder:
         self._pending = []  # blocks that the disk has not taken yet
         self._sequence = self._blocks_in_file = self._next_state = self._faults_seen = 0
         self._fault_files = []
-        self._next_flush = self._retry_at = self._synced_at = time.monotonic()
+        self._next_flush = self._retry_at = time.monotonic()
         self._unsynced = False
 
     def run(self) -> None:
@@ -71,8 +72,9 @@ class Recorder:
             if ended and (idle or now - ended_at > GIVE_UP_S):
                 break
             self._publish()
-            if self.source.committed() - self.position < self._block_rows:
-                time.sleep(BUSY_POLL_S if self.position - before >= self._block_rows else POLL_S)
+            moved = self.position - before
+            if moved < BLOCKS_AT_ONCE * self._block_rows:
+                time.sleep(BUSY_POLL_S if moved >= self._block_rows or self._fault_files else POLL_S)
         self._finish("the loop has ended" if counters[Counter.FINISHED] else "the loop's process died")
 
     def _drain(self, now: float, ended: bool) -> None:
@@ -89,8 +91,7 @@ class Recorder:
                 self._publish()
             if now >= self._next_flush or ended:
                 self._next_flush = now + self.settings["flush_s"]
-                while self.position < self.source.committed():
-                    self._read_block()
+                self._read_block()
                 self._read_states()
                 if self._pending or self._unsynced:
                     self._pack_json(Kind.STATUS, self.report())
@@ -219,15 +220,14 @@ def be_unimportant() -> None:
     """Ordinary scheduling whatever was inherited, nice 10, disk only when nobody else wants it, and first to go when memory is short."""
     import ctypes
 
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(10)
     ioprio_set = {"x86_64": 251, "aarch64": 30, "armv7l": 314, "i686": 289, "riscv64": 30}.get(os.uname().machine)
     if ioprio_set is not None:
         ctypes.CDLL(None).syscall(ioprio_set, 1, 0, 3 << 13)  # IOPRIO_WHO_PROCESS, this one, IOPRIO_CLASS_IDLE
-    try:
+    with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text("500")
-    except OSError:
-        pass
 
 
 def main(ring: str) -> None:

@@ -9,11 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mip_rt import compiled
+from mip_rt import compiled, robots
 from mip_rt import config as configuration
 from mip_rt.errors import ConfigError, LogError
 from mip_rt.log.selection import seconds
-from mip_rt.robots import mbbr_setup
 
 BATCH = 4096  # rows replayed at a time
 
@@ -69,7 +68,7 @@ class Rerun:
         self.log = log
         if config is None:
             config = configuration.loads(log.config, f"the configuration in {log.path}", overrides)
-        self.robot = mbbr_setup.build(config)
+        self.robot = robots.setup(config.robot).build(config)
         self.names, self.recorded_names = list(self.robot.names), list(header.get("estimators", self.robot.names))
         self._own_slots = [self.recorded_names.index(name) if name in self.recorded_names else None for name in self.names]
         self.layout = self.robot.layout

@@ -235,7 +235,7 @@ def draw(found: dict, heading: str, output) -> None:
         PackageMissing: there is no matplotlib.
         LogError: the file cannot be written.
     """
-    from mip_rt.log.panels import BLUE, ORANGE
+    from mip_rt.log.page import BLUE, ORANGE
     from mip_rt.log.picture import figure, save
 
     count = len(found["fields"])
@@ -265,7 +265,7 @@ def draw(found: dict, heading: str, output) -> None:
 
 def _label_lines(panel, entry: dict) -> None:
     """Frequencies at the strongest lines, where they do not cover each other."""
-    from mip_rt.log.panels import BLACK, VERMILLION
+    from mip_rt.log.page import BLACK, VERMILLION
 
     labelled = []
     for line in entry["lines"]:

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from mip_rt.errors import LogError
 from mip_rt.log.folders import usual_folders
+from mip_rt.log.folders import usual_folders
 from mip_rt.log.live import LiveRing, newest_ring
-from mip_rt.log.selection import usual_folders
 from mip_rt.monitor.view import View
 
 SILENT_S = 1.0  # without a row for so long, something is wrong with the loop

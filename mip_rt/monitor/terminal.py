@@ -11,8 +11,8 @@ import termios
 import time
 import tty
 
-from mip_rt.log.events import STAGES
 from mip_rt.monitor.view import HISTORY_S
+from mip_rt.summary import STAGES
 
 BARS = " ▁▂▃▄▅▆▇█"
 FULL_SCALES_DEG = (2.0, 5.0, 10.0, 20.0, 45.0, 90.0)

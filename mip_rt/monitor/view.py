@@ -5,13 +5,14 @@ A robot's own fields are used where the header's table has them. Nothing here kn
 
 import numpy as np
 
-from mip_rt.frame import LIMIT_SENTENCES, LIMITS
+from mip_rt.frame import LIMIT_SENTENCES
+from mip_rt.log.codes import Codes
 from mip_rt.log.configuration import as_dict
-from mip_rt.log.events import STAGES, stage_ns, state_name
+from mip_rt.log.events import stage_ns
 from mip_rt.monitor import pose
 from mip_rt.monitor.pose import number
 from mip_rt.prearm import failing
-from mip_rt.supervisor import FAULT_BY_NUMBER, State
+from mip_rt.summary import STAGES
 
 HISTORY_S = 10.0  # what "recent" means: tilt, latencies, limits
 HINTS = {
@@ -43,12 +44,12 @@ class View:
         self.rate_hz = float(self.config.get("realtime", {}).get("rate_hz", 200.0))
         self.kept = round(HISTORY_S * self.rate_hz)
         self.row = None
-        self._pose = pose.of_robot(header, self.config)
+        self._codes, self._pose = Codes(header), pose.of_robot(header, self.config)
         self._origin_ns = 0
         self._tilt_rad = np.zeros(0)
         self._latency_us = np.zeros((0, len(STAGES)))
         self._timing = np.zeros((0, 2), np.int64)  # edge time, missed ticks
-        self._limit_seen_ns = {}
+        self._limit_seen_ns, self._limit_bit = {}, {}
         self._state_since_ns = self._fault_since_ns = None
 
     def take(self, rows) -> None:
@@ -72,14 +73,15 @@ class View:
     def _note_changes(self, rows) -> None:
         edges, states = rows["edge_ns"], rows["state"]
         seen = int(np.bitwise_or.reduce(rows["limits"]))
-        for name, bit in LIMITS.items():
+        for name, bit in self._codes.limits_in(rows["limits"]).items():
             if seen & bit:
+                self._limit_bit[name] = bit
                 self._limit_seen_ns[name] = int(edges[np.flatnonzero(rows["limits"] & bit)[-1]])
         changed = np.flatnonzero(np.diff(states, prepend=states[0] if self.row is None else self.row["state"]))
         if len(changed):
             self._state_since_ns = int(edges[changed[-1]])
         # Not where the number changes: the same fault may come again, and the number stays after it was acknowledged.
-        faults = changed[states[changed] == State.FAULT]
+        faults = changed[states[changed] == self._codes.fault_state]
         if len(faults):
             self._fault_since_ns = int(edges[faults[-1]])
 
@@ -89,14 +91,14 @@ class View:
         row = self.row
         if row is None:
             return {}
-        state = state_name(int(row["state"]))
+        state = self._codes.state(row["state"])
         return {
             "tick": int(row["tick"]),
             "time_s": number(self.time_s(row), 3),
             "state": state,
             "state_s": self._ago_s(self._state_since_ns),
             "hint": self._hint(state),
-            "why_not_armed": self.why_not_armed(state),
+            "why_not_armed": self.why_not_armed(),
             "rate_hz": self._rate_hz(),
             "missed": int(self._timing[:, 1].sum()),
             **self._pose.show(row),
@@ -110,16 +112,16 @@ class View:
             "battery_v": number(row["battery_v"], 3),
             "remote_age_s": number(row["remote_age_s"], 3),
             "limits": self._limits(),
-            "fault": self._fault(state),
+            "fault": self._fault(),
         }
 
     def tilt_history_rad(self):
         """Tilt of the last ten seconds, oldest first."""
         return self._tilt_rad
 
-    def why_not_armed(self, state: str) -> list[dict]:
+    def why_not_armed(self) -> list[dict]:
         """The pre-arm checks that fail while the motors are off; those that only warn say so."""
-        if "refusals" not in self.names or state == State.BALANCING.name:
+        if "refusals" not in self.names or self.row["state"] == self._codes.balancing_state:
             return []
         return [
             {"code": check.code, "sentence": check.sentence, "cure": check.cure, "blocks": check.blocks}
@@ -140,7 +142,7 @@ class View:
         return {stage: np.histogram(self._latency_us[:, i], HISTOGRAM_US)[0].tolist() for i, stage in enumerate(STAGES)}
 
     def _hint(self, state: str) -> str:
-        blocked = [check for check in self.why_not_armed(state) if check["blocks"]]
+        blocked = [check for check in self.why_not_armed() if check["blocks"]]
         if blocked and state != "FAULT":
             return f"{blocked[0]['sentence']} {blocked[0]['cure']}"
         return HINTS.get(state, "")
@@ -159,15 +161,13 @@ class View:
         recent = sorted((age, name) for name, age in ages.items() if age <= HISTORY_S)
         now = int(self.row["limits"])
         return [
-            {"name": name, "sentence": LIMIT_SENTENCES[name], "now": bool(now & LIMITS[name]), "ago_s": age} for age, name in recent
+            {"name": name, "sentence": LIMIT_SENTENCES.get(name, ""), "now": bool(now & self._limit_bit[name]), "ago_s": age}
+            for age, name in recent
         ]
 
-    def _fault(self, state: str):
+    def _fault(self):
         """The last fault, None where there was none."""
-        code = int(self.row["fault"])
-        if code == 0:
+        if not self.row["fault"]:
             return None
-        fault = FAULT_BY_NUMBER.get(code)
-        words = (fault.code, fault.sentence, fault.cure) if fault else (f"fault {code}", "this program does not know the number", "")
-        since = {"active": state == State.FAULT.name, "ago_s": self._ago_s(self._fault_since_ns)}
-        return {**dict(zip(("code", "sentence", "cure"), words, strict=True)), **since}
+        active = bool(self.row["state"] == self._codes.fault_state)
+        return {**self._codes.fault_words(self.row["fault"]), "active": active, "ago_s": self._ago_s(self._fault_since_ns)}

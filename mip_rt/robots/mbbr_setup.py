@@ -1,19 +1,17 @@
 """Builds the MBBR from a configuration: parameter records, state records and the bound step. Runs once, before the loop."""
 
-import math
-
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.compiled import JIT_DISABLED
-from mip_rt.controllers import gain_schedule, reference, state_feedback, wheel_drive
+from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
 from mip_rt.controllers.filters import pole_from_rate
 from mip_rt.errors import ConfigError
 from mip_rt.estimators import mbbr_ekf, mbbr_kf
 from mip_rt.models import mbbr, mbbr_linear, mbbr_yaw
 from mip_rt.robots import mbbr as robot
-from mip_rt.robots import mbbr_frame
-from mip_rt.robots.persistence import Persistence
+from mip_rt.robots import health, mbbr_frame, sensors
+from mip_rt.robots.mbbr_judge import Judge  # noqa: F401  (part of what a setup module offers)
+from mip_rt.robots.robot import BATTERY_HOLD_S, BATTERY_SMOOTHING_RAD_S, Robot, noise, orthonormal
 
 # name: (kind, DMP attitude to the controller, model variant or None for the configured one, yaw rotation)
 ESTIMATORS = {
@@ -25,56 +23,6 @@ ESTIMATORS = {
     "dmp_kf": (robot.KIND_KF, 1, None, True),
 }
 CONTROLLER = "state_feedback"
-BATTERY_SMOOTHING_RAD_S = 2.0
-
-
-class Robot:
-    """The arrays of one MBBR and its step on them.
-
-    Attributes:
-        layout: frame.Layout of its rows.
-        names: estimator names by slot; the first controls.
-        gyro_bias_rad_s: the gyro's rates at rest, body axes; an input of every tick.
-        parameters, state, estimator_parameters, estimator_states: the step's arrays.
-        command_in_force: (3,) body command that the estimators are told at the next tick; a view into the state.
-        persistence: what the next tick reads of this one: see robots.persistence.
-    """
-
-    def __init__(self, names, parameters, state, estimator_parameters, estimator_states):
-        self.layout, self.names, self.controller = mbbr_frame.LAYOUT, names, CONTROLLER
-        self.parameters, self.state = parameters, state
-        self.estimator_parameters, self.estimator_states = estimator_parameters, estimator_states
-        # The same memory as plain arrays: numba recognises those ten times faster than record arrays.
-        self._arguments = tuple(
-            array if JIT_DISABLED else array.view(dtype).view(np.ndarray)
-            for array, dtype in (
-                (parameters, robot.PARAMETERS),
-                (state, robot.STATE),
-                (estimator_parameters, robot.ESTIMATOR_PARAMETERS),
-                (estimator_states, robot.ESTIMATOR_STATE),
-            )
-        )
-        self.command_in_force = np.asarray(state["applied"])[0]
-        self.persistence = Persistence(state, estimator_states, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES)
-        self.gyro_bias_rad_s = (0.0, 0.0, 0.0)
-        self._rows = None
-
-    def attach(self, rows) -> None:
-        """Uses this ring's rows."""
-        self._rows = rows.view(np.recarray) if JIT_DISABLED else rows  # plain Python needs fields as attributes
-
-    def rehearse(self) -> None:
-        """Runs the step once in each of its ways and forgets it: the first real tick then meets no cold page and no cold dispatcher."""
-        saved = self.state.copy(), self.estimator_states.copy(), self._rows[:1].copy()
-        for request in (0, frame.REQUEST_ENGAGED, frame.REQUEST_ENGAGED):
-            self._rows[0]["request"] = request
-            self.step(0)
-        self.state[:], self.estimator_states[:], self._rows[:1] = saved
-
-    def step(self, index: int) -> None:
-        """Runs the compiled step on row `index`."""
-        robot.step(*self._arguments, self._rows, index)
-
 
 
 def model_parameters(config):
@@ -96,23 +44,6 @@ def model_parameters(config):
     )
 
 
-def orthonormal(matrix) -> np.ndarray:
-    """The orthonormal matrix nearest to a (3, 3) that is nearly so (polar decomposition by Newton's iteration)."""
-    m = np.array(matrix, float)
-    for _ in range(20):
-        m = 0.5 * (m + np.linalg.inv(m).T)
-    return m
-
-
-def _noise(noise, config, process, measurement, initial, states, dt_s):
-    noise.Q[:states] = process
-    noise.R[: len(measurement)] = measurement
-    noise.P0[:states] = initial
-    noise.P_limit[:] = config.estimator.covariance_limit
-    noise.gate_squared = config.estimator.gate_sigma**2
-    noise.dt_s = dt_s
-
-
 def _estimator(p, name, config, model, dt_s) -> None:
     kind, dmp_attitude, variant, rotation = ESTIMATORS[name]
     p.kind, p.dmp_attitude = kind, dmp_attitude
@@ -122,12 +53,12 @@ def _estimator(p, name, config, model, dt_s) -> None:
     if kind == robot.KIND_EKF:
         process = [q[0]] * 2 + [q[1]] + [q[2]] * 2 + [q[3]] * 2 + [q[4]] + [q[5]] * 2 + [q[6]] * 3
         measurement = [gyro] * 3 + [encoder] * 3 + [accelerometer] * 2
-        _noise(p.ekf.noise, config, process, measurement, e.initial_covariance, mbbr_ekf.STATES, dt_s)
+        noise(p.ekf.noise, config, process, measurement, e.initial_covariance, mbbr_ekf.STATES, dt_s)
         p.ekf.model = mbbr_yaw.coefficients(model[0], variant or config.model.variant)[0]
     else:
         process = e.kf_process_noise
         measurement = [gyro] * 2 + [encoder] * 2 + [accelerometer] * 2
-        _noise(p.kf.noise, config, process, measurement, e.initial_covariance, mbbr_kf.STATES, dt_s)
+        noise(p.kf.noise, config, process, measurement, e.initial_covariance, mbbr_kf.STATES, dt_s)
         A, B, C, D = mbbr_linear.linear_matrices(model[0])
         mbbr_kf.configure_model(p.kf.model, A, B, C, D, rotation)
 
@@ -153,22 +84,23 @@ def build(config, shadows=None) -> Robot:
     p.nominal_voltage_v = config.motor.nominal_voltage_v
     p.odometry = 1 if config.estimator.odometry == "encoders" else 0
     p.battery_pole = pole_from_rate(BATTERY_SMOOTHING_RAD_S, dt_s)
+    p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
     _configure_sensors(p.sensors, config, dt_s)
     _configure_control(p, config, dt_s)
     state = np.zeros(1, robot.STATE).view(np.recarray)
     state[0].battery_v = p.nominal_voltage_v
     states = np.zeros(len(names), robot.ESTIMATOR_STATE).view(np.recarray)
-    return Robot(names, parameters, state, estimator_parameters, states)
+    arrays = (
+        (parameters, robot.PARAMETERS),
+        (state, robot.STATE),
+        (estimator_parameters, robot.ESTIMATOR_PARAMETERS),
+        (states, robot.ESTIMATOR_STATE),
+    )
+    return Robot(mbbr_frame.LAYOUT, names, CONTROLLER, robot.step, arrays, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES)
 
 
 def _configure_sensors(p, config, dt_s) -> None:
-    motor = config.motor
-    p.rate_hz = 1.0 / dt_s
-    p.mounting[:] = config.imu.mounting
-    p.gyro_scale_rad_s = math.radians(config.imu.gyro_range_dps) / 32768.0
-    p.accel_scale_m_s2 = config.imu.accel_range_g * 9.80665 / 32768.0
-    p.count_scale_rad[:] = [2.0 * math.pi * sign / config.encoders.counts_per_turn for sign in config.encoders.signs]
-    p.wheel_jump_rad = 2.0 * motor.nominal_voltage_v / motor.torque_constant_n_m_a * dt_s
+    sensors.configure(p, config, dt_s)
     p.body_from_wheel[:] = orthonormal(config.wheels.body_from_wheel)
     p.wheel_ratio = config.model.wheel_radius_m / config.model.ball_radius_m
 
@@ -182,6 +114,9 @@ def _configure_control(p, config, dt_s) -> None:
     schedule = [(slot.yaw_rate_hz, getattr(c.gain_sets, slot.set)) for slot in c.schedule]
     gain_schedule.configure(p.schedule, schedule, c.blend_rad_s, dt_s)
     state_feedback.configure(p.feedback, dt_s, c.filter_frame, c.lean_limit_rad, c.lean_rate_limit_rad_s)
+    spin_down.configure(p.spin_down, config.limits.spin_down, config.limits.spin_resume)
+    yaw_from_wheel = p.sensors.wheel_ratio * p.sensors.body_from_wheel[2]  # row z: the ball's turn in the body, the opposite of the yaw
+    health.configure(p.health, config, dt_s, yaw_from_wheel)
     d = p.drive
     d.body_from_wheel[:] = p.sensors.body_from_wheel
     d.wheel_ratio = p.sensors.wheel_ratio

@@ -1,5 +1,6 @@
 """`mip-rt log export`: what is read back from every format are the log's values, units and times, none missing."""
 
+import base64
 import csv
 import json
 
@@ -95,6 +96,16 @@ def test_parquet(hard, tmp_path):
             assert values.to_numpy().tobytes() == np.ascontiguousarray(column.of(log.frames)).tobytes(), column.name
 
 
+def assert_foxglove_reads(schema):
+    """What Foxglove's parseJsonSchema.ts accepts: any other type, encoding or an array of arrays makes the whole topic unreadable there."""
+    assert schema["type"] == "object"
+    for name, entry in schema["properties"].items():
+        assert entry["type"] in ("boolean", "string", "number", "integer", "array"), name
+        assert entry.get("contentEncoding") in (None, "base64"), name
+        if entry["type"] == "array":
+            assert entry["items"]["type"] in ("boolean", "string", "number", "integer"), name
+
+
 def read_mcap(path):
     """(reader's summary, messages by topic as (schema, log time, decoded), metadata by name, attachments by name), by the mcap library."""
     mcap = pytest.importorskip("mcap.reader", reason="the mcap package writes and reads MCAP; it is not installed")
@@ -104,6 +115,7 @@ def read_mcap(path):
         summary = reader.get_summary()
         for schema, channel, message in reader.iter_messages():
             assert schema.encoding == "jsonschema" and channel.message_encoding == "json"
+            assert_foxglove_reads(json.loads(schema.data))
             messages.setdefault(channel.topic, []).append((json.loads(schema.data), message.log_time, json.loads(message.data)))
         metadata = {entry.name: entry.metadata for entry in reader.iter_metadata()}
         attachments = {entry.name: entry.data for entry in reader.iter_attachments()}
@@ -131,12 +143,9 @@ def test_mcap_has_all_fields_units_and_times(hard, tmp_path):
         assert schema["description"] == f"{entry['meaning']} [{entry['unit']}]"
         recorded = log.frames[entry["name"]]
         if entry["dtype"].endswith("u1"):
-            assert [bytes.fromhex(v) for v in values] == [row.tobytes() for row in recorded]
+            assert [base64.b64decode(v) for v in values] == [row.tobytes() for row in recorded]
             continue
-        kind = schema
-        for _ in entry["shape"]:
-            assert kind["type"] == "array"
-            kind = kind["items"]
+        kind = schema["items"] if entry["shape"] else schema
         assert kind["type"] == ("integer" if recorded.dtype.kind == "i" else "number")
         finite = np.where(np.isfinite(recorded), recorded, np.nan) if recorded.dtype.kind == "f" else recorded
         assert np.array_equal(np.array(values, finite.dtype), finite, equal_nan=recorded.dtype.kind == "f"), entry["name"]
@@ -147,6 +156,16 @@ def test_mcap_has_all_fields_units_and_times(hard, tmp_path):
     assert by_name["state_name"][1] == ["BALANCING"] * 300 and by_name["fault_code"][1][0] == "none"
     assert attachments["config.yaml"].decode() == log.config and json.loads(attachments["header.json"]) == log.header
     assert json.loads(metadata["mip-rt"]["clock"]) == log.header["clock"] and metadata["mip-rt"]["source_hash"] == log.header["source_hash"]
+
+
+def test_mcap_of_a_log_that_does_not_name_its_estimators(make_log, rows, tmp_path):
+    pytest.importorskip("mcap", reason="the mcap package writes and reads MCAP; it is not installed")
+    frames = rows(5)
+    frames["estimates"][:, 1, 2] = 0.5
+    export(make_log(frames, estimators=[]), tmp_path / "a.mcap")
+    _, messages, _, _ = read_mcap(tmp_path / "a.mcap")
+    width = frames["estimates"].shape[2]
+    assert messages["/mip/sensors"][0][2]["estimates"][width + 2] == 0.5 and not any(topic.startswith("/mip/estimate/") for topic in messages)
 
 
 def test_mcap_names_limits_and_faults_in_words(fallen, tmp_path):

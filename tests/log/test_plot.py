@@ -1,5 +1,6 @@
 """`mip-rt log plot`: the page shows what is in the rows, spikes and single ticks too, for any robot, without a network."""
 
+import math
 import re
 import struct
 
@@ -13,7 +14,9 @@ from mip_rt import cli, frame
 from mip_rt.errors import LogError
 from mip_rt.frame import LIMITS
 from mip_rt.log import open as open_log
-from mip_rt.log import panels
+from mip_rt.log import page as paper
+from mip_rt.log.decimation import decimated
+from mip_rt.log.plot import build
 from mip_rt.log.selection import seconds
 from mip_rt.optional import PackageMissing
 from mip_rt.supervisor import State
@@ -24,7 +27,7 @@ matplotlib = pytest.importorskip("matplotlib", reason="matplotlib draws the PNG;
 def page_of(path, fields=None, mask=None):
     log = open_log(path)
     times_s = seconds(log)
-    return panels.page(log, times_s, np.ones(len(times_s), bool) if mask is None else mask(times_s), fields), log
+    return build(log, times_s, np.ones(len(times_s), bool) if mask is None else mask(times_s), fields), log
 
 
 def panel(page, title):
@@ -40,7 +43,7 @@ def test_decimation_keeps_every_extreme(values, bins):
     """A spike of one tick in a minute is what one looks for."""
     values = np.array(values)
     times_s = np.arange(len(values)) * 0.005
-    few_s, few = panels.decimated(times_s, values, bins)
+    few_s, few = decimated(times_s, values, bins)
     assert len(few) <= 2 * bins + bins + 3 and (np.diff(few_s) >= 0.0).all()
     assert set(few[~np.isnan(few)]) <= set(values)
     if not np.isnan(values).all():
@@ -51,7 +54,7 @@ def test_a_silence_interrupts_the_lines():
     """A straight line over a gap would be read as data."""
     times_s = np.concatenate((np.arange(100) * 0.005, 2.0 + np.arange(100) * 0.005))
     for bins in (20, 1000):
-        few_s, few = panels.decimated(times_s, np.ones(200), bins)
+        few_s, few = decimated(times_s, np.ones(200), bins)
         assert np.isnan(few).sum() == 1 and 0.4 < few_s[np.flatnonzero(np.isnan(few))[0]] <= 2.1
 
 
@@ -111,7 +114,7 @@ def test_png(fallen, tmp_path, capsys):
     width, height = struct.unpack(">II", path.read_bytes()[16:24])
     assert width == 1650 and 1200 < height < 2400
     pixels = picture(path)[:, :, :3]
-    vermillion = np.array([int(panels.VERMILLION[i : i + 2], 16) for i in (1, 3, 5)])
+    vermillion = np.array([int(paper.VERMILLION[i : i + 2], 16) for i in (1, 3, 5)])
     marked = (np.abs(pixels - vermillion).max(axis=2) < 12)[height // 3 :]  # below the bands
     column = marked.sum(axis=0)
     # The fault is three quarters into the window, in both columns of panels.
@@ -150,19 +153,37 @@ def test_chosen_fields_by_index_element_and_estimator_name(fallen):
         assert hint in str(refused.value)
 
 
-def test_another_robot(make_log, rows, tmp_path):
-    """The eduMIP has two wheels and other numbers: its page has the panels that its fields allow."""
-    layout = frame.Layout(2, ("pitch_rad", "pitch_rate_rad_s"), (frame.Field("command_feedback", "<f8", (2,), "1", "body command"),))
+def field(name, shape=()):
+    return frame.Field(name, "<f8", shape, "1", "of this test")
+
+
+def test_the_robot_on_two_wheels(make_log, rows, tmp_path):
+    """The eduMIP leans about its first axis, knows its way from phi + pitch, and compensates friction by wheel."""
+    own = (field("reference_velocity_rad_s"), field("reference_angle_rad"), field("reference_yaw_rad", (2,)), field("reference_lean_rad"),
+           field("command_feedback", (2,)), field("command_friction", (2,)), field("command_applied", (2,)))  # fmt: skip
+    layout = frame.Layout(2, ("pitch_rad", "phi_rad", "yaw_rad", "pitch_rate_rad_s", "phi_rate_rad_s", "yaw_rate_rad_s"), own)
     frames = rows(300, layout)
-    frames["state"] = State.BALANCING
-    frames["estimates"][:, 0, 0] = np.linspace(0.0, 0.1, 300)
-    path = make_log(frames, layout)
+    frames["estimates"][:, 0, 0], frames["estimates"][:, 0, 1] = 0.1, np.linspace(0.0, 1.0, 300)
+    frames["reference_angle_rad"], frames["reference_lean_rad"], frames["attitude_rad"][:, 0] = 2.0, 0.2, 0.3
+    path = make_log(frames, layout, "robot: edumip\nmodel: {wheel_radius_m: 0.035}\n")
     page, _ = page_of(path)
+    assert [p.title for p in page.columns[0]] == ["lean, forward", "tilt, sideways", "yaw rate", "way", "ground speed", "latency"]
+    assert [p.title for p in page.columns[1]] == ["body command x (forward)", "body command z (left)", "friction compensation", "duty", "wheel rate", "battery"]
+    assert line(page, "lean, forward", "DMP").values[0] == pytest.approx(math.degrees(0.3))
+    assert line(page, "lean, forward", "one").values[0] == pytest.approx(math.degrees(0.1))
+    assert line(page, "lean, forward", "reference").values[0] == pytest.approx(math.degrees(0.2))
+    assert line(page, "way", "one").values[-1] == pytest.approx(3.5 * 1.1) and line(page, "way", "reference").values[0] == pytest.approx(7.0)
+    assert cli.main(["log", "plot", str(path), "-o", str(tmp_path / "b.png")]) == 0
+
+
+def test_a_robot_that_this_program_does_not_know(make_log, rows):
+    """Its page has the panels that the common fields allow."""
+    layout = frame.Layout(2, ("pitch_rad", "pitch_rate_rad_s"), (field("command_feedback", (2,)),))
+    page, _ = page_of(make_log(rows(300, layout), layout))
     titles = [p.title for column in page.columns for p in column]
-    assert titles == ["roll", "pitch", "yaw rate", "ground speed", "latency", "body command x", "body command z", "duty", "wheel rate", "battery"]
+    assert titles == ["roll", "pitch", "yaw rate", "ground speed", "latency", "body command 1", "body command 2", "duty", "wheel rate", "battery"]
     assert [entry.label for entry in panel(page, "duty").lines] == ["wheel 1", "wheel 2"]
     assert [entry.label for entry in panel(page, "pitch").lines] == ["DMP", "two", "one"]
-    assert cli.main(["log", "plot", str(path), "-o", str(tmp_path / "b.png")]) == 0
 
 
 def test_rows_full_of_nan_are_no_reason_to_fail(make_log, rows, tmp_path):

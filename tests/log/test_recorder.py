@@ -2,6 +2,7 @@
 
 import errno
 import os
+import resource
 import signal
 import subprocess
 import time
@@ -19,6 +20,7 @@ from mip_rt.log import recorder_process, recording_files
 from mip_rt.log.ring import Ring, header, remove_old_rings
 from mip_rt.log.ring_format import Status
 from mip_rt.robots.mbbr_frame import FRAME, LAYOUT
+from mip_rt.summary import render_recorder
 
 SETTINGS = {
     "folder": "", "run_folder": "run", "files": 4, "file_bytes": 500_000, "flush_s": 0.0, "compression": 1, "fault_files": 2,
@@ -63,7 +65,7 @@ class Bench:
 
 def test_run_is_recorded_completely(tmp_path):
     """What the reader gives from the recorded files must be what the loop wrote, bit for bit, also at full speed and beyond the ring."""
-    with_ring = log_damage.dry_run(tmp_path, 15.0, True)
+    with_ring = log_damage.dry_run(tmp_path, 15.0, tmp_path)
     recorder = with_ring["recorder"]
     assert recorder["state"] == "finished" and recorder["recorded"] == with_ring["ticks"] == 3000
     assert not recorder["dropped"] and not recorder["backlog"] and not recorder["errors"]
@@ -72,7 +74,7 @@ def test_run_is_recorded_completely(tmp_path):
         assert log.damage == [] and log.frames.dtype == ring.frames.dtype and log.header == ring.header and log.config == ring.config
         assert log.frames.tobytes() == ring.frames.tobytes()
         assert log.end["reason"] == "the loop has ended" and log.end["recorded"] == 3000 and len(log.recorder) >= 1
-    report = log_damage.dry_run(tmp_path / "long", 60.0, True, log__ring_s=8)
+    report = log_damage.dry_run(tmp_path / "long", 30.0, tmp_path / "long", log__ring_s=8)
     log = open_log(report["log"])
     assert report["log"] == report["recorder"]["folder"] and list(log.frames["tick"]) == list(range(report["ticks"])) and log.damage == []
     assert log.frames[:3000].tobytes() == ring.frames.tobytes()
@@ -80,13 +82,13 @@ def test_run_is_recorded_completely(tmp_path):
 
 def test_no_recorder_unless_asked(tmp_path):
     """A dry run without --log leaves no process and no files; the summary says so."""
-    report = log_damage.dry_run(tmp_path, 2.0, False)
+    report = log_damage.dry_run(tmp_path, 2.0, None)
     assert report["recorder"] is None and [path.suffix for path in tmp_path.iterdir()] == [".ring"]
 
 
 def test_header_says_everything_that_a_reader_must_know(tmp_path):
     """Without it a log of next year's program, or of another robot, could not be understood."""
-    about = open_log(log_damage.dry_run(tmp_path, 1.0, False)["log"]).header
+    about = open_log(log_damage.dry_run(tmp_path, 1.0, None)["log"]).header
     assert {"name", "dtype", "shape", "unit", "meaning", "offset"} <= set(about["fields"][0])
     for field in about["fields"]:
         assert FRAME.fields[field["name"]][1] == field["offset"]
@@ -196,6 +198,29 @@ def test_refusing_disk_loses_nothing_that_the_ring_still_has(tmp_path, monkeypat
     assert list(log.frames["tick"]) == list(range(bench.ticks)) and log.damage == []
 
 
+@pytest.mark.slow
+def test_disk_that_never_works_costs_a_run_nothing_and_is_reported(tmp_path):
+    """A robot must balance without a disk; its recorder must neither spin nor pretend."""
+    (tmp_path / "file").write_text("in the way of the folder")
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    report = log_damage.dry_run(tmp_path, 10.0, tmp_path / "file" / "logs")
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    recorder = report["recorder"]
+    assert report["ticks"] == 2000 and recorder["recorded"] == 0 and recorder["dropped"] + recorder["backlog"] == 2000
+    assert recorder["errors"] >= 2 and recorder["last_error"] == os.strerror(errno.ENOTDIR)
+    assert after.ru_utime - before.ru_utime < 2.0
+    assert len(open_log(report["log"]).frames) == 2000
+    text = "\n".join(render_recorder(recorder))
+    assert "2000 rows lost" in text and "writes refused" in text and recorder["last_error"] in text
+
+
+def test_program_that_stops_before_its_first_tick_keeps_no_fault_file(tmp_path):
+    """Refused starts must not use up the places of real faults."""
+    bench = Bench(tmp_path)
+    file = recorder_module.FaultFile(bench.recorder, 0, 0, "loop-died")
+    assert not file.advance(time.monotonic(), True) and not list(tmp_path.glob("fault-*"))
+
+
 def fall():
     """A run that is armed, balances, and is then pushed over."""
     return Scenario("fall", "", 20.0, [Event(at_s=2.0, press="arm")])
@@ -271,7 +296,7 @@ def test_fault_file_on_a_full_disk_is_tried_again_and_then_counted_as_lost(tmp_p
     assert file.advance(now, False) and bench.status("errors") == 1 and not bench.status("faults_lost")
     assert not list(tmp_path.glob("fault-*"))
     bench.tick(500)
-    assert not file.advance(now + 2.0, False) and bench.status("faults_lost") == 1 and not list(tmp_path.glob("fault-*"))
+    assert not file.advance(now + 2.0, None) and bench.status("faults_lost") == 1 and not list(tmp_path.glob("fault-*"))
 
 
 @pytest.mark.slow
@@ -319,7 +344,7 @@ def test_death_of_the_recorder_is_noticed_and_the_run_goes_on(tmp_path):
             elif session.loop.ticks == 1001:
                 assert session.recorder.trouble() == "the recorder died"
 
-    report = log_damage.dry_run(tmp_path, 10.0, True, Kill())
+    report = log_damage.dry_run(tmp_path, 10.0, tmp_path, Kill())
     assert report["recorder"]["state"] == "died" and report["ticks"] == 2000 and report["recorder"]["backlog"] > 0
     log = open_log(report["log"])
     assert len(log.frames) == 2000 and log.damage == []

@@ -12,6 +12,8 @@ from mip_rt.log.ring import Ring, header
 from mip_rt.log.ring_reader import VERSION_1
 from mip_rt.robots.mbbr_frame import FRAME, LAYOUT
 
+pytestmark = pytest.mark.armhf
+
 
 def filled(path, ticks, rows=16):
     ring = Ring(path, FRAME, rows, header(LAYOUT, "robot: mbbr\n", {"seed": 5}))
@@ -113,6 +115,18 @@ def test_log_without_header_is_empty_and_says_so(tmp_path, version):
     log = open_log(tmp_path / "x")
     assert len(log.frames) == 0 and {"tick", "state", "edge_ns"} <= set(log.frames.dtype.names)
     assert log.header == {} and log.config == "" and "nothing can be read" in log.damage[0]
+
+
+@pytest.mark.parametrize("content", [b"", bytes(100_000)])
+def test_file_whose_content_never_reached_the_disk_is_an_empty_log(tmp_path, content):
+    """What a power cut right after the start leaves behind; the ring of the same folder is then what there is."""
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "00000001.miplog").write_bytes(content)
+    for path in (tmp_path / "run" / "00000001.miplog", tmp_path / "run", tmp_path):
+        log = open_log(path)
+        assert len(log.frames) == 0 and log.damage
+    filled(tmp_path / "a.ring", 5)
+    assert len(open_log(tmp_path).frames) == 5
 
 
 def test_damaged_header_is_replaced_by_its_copy(tmp_path):

@@ -132,7 +132,7 @@ def test_a_log_with_states_faults_and_checks_of_another_version(fallen):
     view = View(fallen.header, rows.dtype)
     view.take(rows)
     shown = strict(view.show())
-    assert shown["state"] == "state 77" and shown["fault"]["code"] == "fault 99" and shown["limits"] == []
+    assert shown["state"] == "state 77" and shown["fault"]["code"] == "fault 99" and [entry["name"] for entry in shown["limits"]] == ["bit 60"]
     without = [name for name in rows.dtype.names if name != "refusals"]
     old = np.zeros(5, [(name, rows.dtype.fields[name][0]) for name in without])
     view = View(fallen.header, old.dtype)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from helpers import DryRun, make_config
 
-from mip_rt import cli, compiled
+from shipped_logs import scenarios_of
+
+from mip_rt import cli, compiled, robots
 from mip_rt import log as logs
 from mip_rt.config import scenario as scenarios
 from mip_rt.errors import LogError
@@ -51,10 +53,10 @@ def flipped(path, folder, tick, field, byte, bit):
     return folder / "flipped.ring"
 
 
-@pytest.mark.parametrize("scenario", sorted(scenarios.shipped()))
-def test_every_shipped_scenario_replays_bit_for_bit(tmp_path, scenario):
+@pytest.mark.parametrize(("robot", "scenario"), [(robot, scenario) for robot in robots.NAMES for scenario in scenarios_of(robot)])
+def test_every_shipped_scenario_replays_bit_for_bit(tmp_path, robot, scenario):
     """Anything that the step depends on and the log lacks shows here."""
-    path = recorded(tmp_path, scenario, min(22.0, scenarios.load(scenario).duration_s), log__ring_s="23")
+    path = recorded(tmp_path, scenario, min(22.0, scenarios.load(scenario).duration_s), robot=robot, log__ring_s="23")
     log = logs.open(path)
     rerun, comparison = replay(log)
     assert not rerun.other_machine and not rerun.other_sources and log.damage == []

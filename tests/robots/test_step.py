@@ -4,18 +4,24 @@ import numpy as np
 import pytest
 from helpers import make_config
 
-from mip_rt import frame
+from mip_rt import frame, robots
 from mip_rt.hardware.imu_status import IMU_BUS_ERROR, IMU_OK
-from mip_rt.robots import mbbr_setup
 
 pytestmark = pytest.mark.armhf
 TICKS = 60
 REQUESTS = (0, frame.REQUEST_ENGAGED, frame.REQUEST_ENGAGED | frame.REQUEST_HEADING_RESET)
 
 
-@pytest.fixture(scope="module")
-def config():
-    return make_config(estimator__shadows="[ekf, kf, kf_printed]")
+SHADOWS = {"mbbr": "[ekf, kf, kf_printed]", "edumip": "[planar_kf, complementary_kf, dmp]"}
+
+
+@pytest.fixture(scope="module", params=robots.NAMES)
+def config(request):
+    return make_config(request.param, estimator__shadows=SHADOWS[request.param])
+
+
+def build(config):
+    return robots.setup(config.robot).build(config)
 
 
 def inputs(layout, seed=1):
@@ -46,12 +52,12 @@ def run(robot, rows):
 
 def test_every_output_is_written_in_every_tick(config):
     """A field that a way through the step leaves alone would show what was true one turn of the ring ago."""
-    layout = mbbr_setup.build(config).layout
-    clean = run(mbbr_setup.build(config), inputs(layout))
+    layout = build(config).layout
+    clean = run(build(config), inputs(layout))
     dirty = inputs(layout)
     for name in layout.step_outputs:
         dirty[name] = np.nan if dirty[name].dtype.kind == "f" else -1
-    run(mbbr_setup.build(config), dirty)
+    run(build(config), dirty)
     for name in layout.step_outputs:
         slots = (slice(None), slice(0, 4)) if name in ("estimates", "estimator_flags") else ()
         assert clean[name][slots].tobytes() == dirty[name][slots].tobytes(), name
@@ -59,7 +65,7 @@ def test_every_output_is_written_in_every_tick(config):
 
 def test_step_changes_no_input(config):
     """An input that the step overwrote would be recorded as what it became, and replay from there."""
-    robot = mbbr_setup.build(config)
+    robot = build(config)
     rows = run(robot, inputs(robot.layout))
     for name in robot.layout.step_inputs:
         assert rows[name].tobytes() == inputs(robot.layout)[name].tobytes(), name
@@ -67,7 +73,7 @@ def test_step_changes_no_input(config):
 
 def test_rehearsal_leaves_no_trace(config):
     """The first tick of a run that was rehearsed must be that of a replay that was not."""
-    robot = mbbr_setup.build(config)
+    robot = build(config)
     rows = inputs(robot.layout)
     robot.attach(rows)
     before = robot.persistence.present(), rows.tobytes(), robot.estimator_states.tobytes()
@@ -78,7 +84,7 @@ def test_rehearsal_leaves_no_trace(config):
 @pytest.mark.parametrize("tick", range(0, TICKS - 1, 7))
 def test_the_kept_state_is_all_that_the_next_tick_needs(config, tick):
     """A persistent number that is taken for scratch would make a replay from a state row drift away."""
-    robot = mbbr_setup.build(config)
+    robot = build(config)
     whole = inputs(robot.layout)
     robot.attach(whole)
     for index in range(tick + 1):
@@ -86,7 +92,7 @@ def test_the_kept_state_is_all_that_the_next_tick_needs(config, tick):
     kept = robot.persistence.present()
     for index in range(tick + 1, TICKS):
         robot.step(index)
-    resumed = mbbr_setup.build(config)
+    resumed = build(config)
     run(resumed, inputs(resumed.layout, seed=9))  # other scratch, other history
     resumed.persistence.restore(kept)
     rows = inputs(resumed.layout)[tick + 1 :]
@@ -97,10 +103,10 @@ def test_the_kept_state_is_all_that_the_next_tick_needs(config, tick):
 
 def test_parts_are_the_memory_itself(config):
     """A copy would keep the state of the start for ever."""
-    robot = mbbr_setup.build(config)
+    robot = build(config)
     before = robot.persistence.present()
     rows = inputs(robot.layout)
     run(robot, rows)
     assert robot.persistence.present() != before and sum(part.nbytes for part in robot.persistence.parts) == robot.persistence.size
     robot.command_in_force[:] = 0.25
-    assert list(robot.state[0].applied) == [0.25] * 3
+    assert set(robot.state[0].applied) == {0.25}

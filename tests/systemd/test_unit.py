@@ -4,6 +4,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -60,6 +61,15 @@ def test_unit_grants_the_priorities_that_are_asked_for():
     limit = int(re.search(r"^LimitRTPRIO=(\d+)$", UNIT.read_text(), re.M)[1])
     assert limit >= MBBR["realtime"]["priority"].default + PRIORITY_ABOVE_LOOP
     assert "SystemCallFilter=@system-service" in UNIT.read_text()  # which holds sched_setscheduler, mlockall, memfd_create
+
+
+def test_a_wrong_board_ends_with_a_code_that_the_unit_takes_for_success():
+    """Prevents restarts without end and a failed unit where the program itself finds that this is no BeagleBone."""
+    result = subprocess.run(
+        [sys.executable, "-m", "mip_rt", "--set", "board=auto", "--duration", "1"], capture_output=True, text=True, check=False, cwd=FOLDER.parent
+    )
+    assert "board_unknown" in result.stderr and "cure" in result.stderr
+    assert str(result.returncode) in re.search(r"^SuccessExitStatus=(.*)$", UNIT.read_text(), re.M)[1].split()
 
 
 @pytest.mark.skipif(shutil.which("systemd-sysusers") is None, reason="systemd-sysusers is not installed (apt install systemd)")

@@ -22,7 +22,7 @@ const FIRST = ["attitude_rad[0]", "attitude_rad[1]", "gyro_rad_s[0]", "gyro_rad_
 
 const part = (id) => document.getElementById(id);
 const degrees = (angle) => (angle * 180) / Math.PI;
-const fixed = (value, digits) => (value === null || value === undefined ? "--" : value.toFixed(digits));
+const fixed = (value, digits) => (value === null || value === undefined ? "--" : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1"));
 const put = (id, text) => { if (part(id).textContent !== text) part(id).textContent = text; };
 
 const robot = new RobotView(part("view"));
