@@ -17,7 +17,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parent
 # Every file in these may be compiled, or holds constants and record types that compiled code freezes.
-SOURCES = ("compiled.py", "frame.py", "models", "estimators", "controllers", "robots", "fake")
+SOURCES = ("compiled.py", "frame.py", "hardware/compiled_io.py", "models", "estimators", "controllers", "robots", "fake")
 
 
 def source_files() -> list[Path]:

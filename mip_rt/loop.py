@@ -65,6 +65,7 @@ class Loop:
         counts = devices.read_counts()
         remote.update(wake_ns)
         read_ns = kernel.monotonic_ns()
+        supervisor.alive(read_ns)
         self._inputs.pack_into(
             buffer, base + at["tick"],
             tick, edge[0], wake_ns, read_ns, edge[2] - 1, supervisor.state, supervisor.request, supervisor.refusals, status,

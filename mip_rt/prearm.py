@@ -138,7 +138,7 @@ def failing_checks(calibration, devices, minimum_v: float, rate_hz: float, wante
         refusals.append(refusal("battery_low", f"the battery has {devices.battery_v:.2f} V."))
     if not devices.remote.centred:
         refusals.append(refusal("remote_not_centred"))
-    if any(encoder.errors for encoder in devices.encoders):
+    if any(encoder.failing for encoder in devices.encoders):
         refusals.append(refusal("encoder_errors"))
     if abs(rate_hz - wanted_hz) > 0.03 * wanted_hz:
         refusals.append(refusal("rate_wrong", f"the IMU interrupts at {rate_hz:.1f} Hz, not {wanted_hz:g} Hz."))

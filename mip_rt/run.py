@@ -28,6 +28,7 @@ def run(arguments) -> int:
         MipRtError: a refusal to start.
     """
     from mip_rt import config as configuration
+    from mip_rt import service
 
     path = arguments.config or configuration.default_path(arguments.robot or "mbbr")
     config = configuration.load(path, dict(configuration.parse_override(text) for text in arguments.set), arguments.robot)
@@ -41,35 +42,50 @@ def run(arguments) -> int:
     elif arguments.speed == "max":
         raise ConfigError("--speed max needs --dry-run.", "A robot runs in real time.", "arguments")
 
-    from mip_rt import session as runner
-    from mip_rt.log.folders import temporary_log_folder
-
-    stop = runner.install_signals()
     real_time = arguments.speed == "real"
-    bench = None
+    machine = guard = bench = None
+    unit = service.from_environment()
     remote = {None: config.remote.device, "none": None}.get(arguments.remote, arguments.remote)
-    if arguments.dry_run:
-        from mip_rt.fake import bench as fake_bench
-
-        bench = fake_bench.build(config, scenario, arguments.seed, real_time)
-        if arguments.remote is None:
-            remote = bench.remote.device
     try:
+        if arguments.dry_run:
+            from mip_rt.fake.machine import Machine
+
+            machine = Machine(config)
+        if real_time:
+            from mip_rt import guard_client
+
+            guard = guard_client.start(config, machine)  # before numba is loaded: it is small, and holds the motors from the first moment
+        if unit:
+            unit.status("loading; compiling what is not in the cache")
+        from mip_rt import session as runner
+        from mip_rt.log.folders import temporary_log_folder
+
+        stop = runner.install_signals()
+        if arguments.dry_run:
+            from mip_rt.fake import bench as fake_bench
+
+            bench = fake_bench.build(config, scenario, arguments.seed, real_time, machine, guard, arguments.config)
+            if arguments.remote is None:
+                remote = bench.remote.device
         # On the robot the ring stays in memory, whatever the recorder's folder: a mapped file on a disk makes the loop wait for it.
         folder = (arguments.log or temporary_log_folder()) if bench else config.log.folder
         record_folder = arguments.log or (None if bench else config.log.record_folder)
         name = scenario.name if scenario else ""
         session = runner.Session(
-            config, bench, folder, remote, arguments.seed, name, record_folder if config.log.record else None
+            config, bench, folder, remote, arguments.seed, name, record_folder if config.log.record else None, guard
         )  # fmt: skip
         if not arguments.json:
             print(runner.banner(session, name, arguments.speed), file=sys.stderr)
         duration = arguments.duration or (scenario.duration_s if scenario else 1e8)
-        live = runner.Live() if real_time and not arguments.json else None
-        report = session.run(duration, stop, live, real_time)
+        # The journal is no place for a status line, and writing to it can block: under systemd the state is in `systemctl status`.
+        live = runner.Live() if real_time and not arguments.json and not unit else None
+        report = session.run(duration, stop, live, real_time, unit)
     finally:
-        if bench:
-            bench.close()
+        if unit:
+            unit.close()
+        for part in (bench,) if bench else (guard, machine):  # a bench closes its own
+            if part:
+                part.close()
     _print(report, session, arguments.json)
     return 1 if report["fell"] or report["faults"] else 0
 

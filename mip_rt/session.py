@@ -49,11 +49,13 @@ class Session:
         remote_device: the remote's port; None for none.
         seed, scenario_name: of a dry run, for the log's name.
         record_folder: where the recorder keeps its files; None for no recorder.
+        guard: guard_client.GuardClient that holds the robot's enable line; a dry run brings its own.
     """
 
     def __init__(
-        self, config, bench, log_folder: Path, remote_device, seed: int, scenario_name: str = "", record_folder: Path | None = None
-    ):
+        self, config, bench, log_folder: Path, remote_device, seed: int, scenario_name: str = "", record_folder: Path | None = None,
+        guard=None,
+    ):  # fmt: skip
         self.config, self.bench, self.seed = config, bench, seed
         self.kernel = bench.kernel if bench else Kernel()
         setup = robots.setup(config.robot)
@@ -85,7 +87,8 @@ class Session:
         self.robot.attach(self.ring.rows)
         self.robot.rehearse()
         image = (bench.image_path, bench.image_sha256) if bench else None
-        self.devices = open_devices(self.kernel, config, remote_device, image)
+        self.guard = bench.guard if bench else guard
+        self.devices = open_devices(self.kernel, config, self.guard, remote_device, image)
         dt_s = 1.0 / config.realtime.rate_hz
         self.supervisor = Supervisor(self.devices.motors, config.limits, dt_s, config.control.soft_start_s)
         self.loop = Loop(
@@ -99,7 +102,7 @@ class Session:
         self._absorbed = 0
         self._in_fault = False
 
-    def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True) -> dict:
+    def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True, service=None) -> dict:
         """Turns the loop for `duration_s` (or until stopped); returns the summary. The motors are off afterwards, however it ends."""
         loop, kernel = self.loop, self.kernel
         try:
@@ -107,6 +110,7 @@ class Session:
             if real_time:
                 settings = self.config.realtime
                 self.scheduling = realtime.enter(settings.policy, settings.priority, settings.lock_memory, settings.strict)
+                self.scheduling.warnings += self.guard.warnings
             else:
                 realtime.freeze_garbage_collector()
                 self.scheduling = realtime.Scheduling(gc_frozen=True)
@@ -118,6 +122,8 @@ class Session:
             while not stop.requested and kernel.monotonic_ns() < end_ns:
                 ticked = loop.tick()
                 self._notice_fault(loop.ticks)
+                if service is not None:
+                    service.turn(self, ticked)
                 if not ticked:
                     silent += 1
                     if silent > BOOT_TIMEOUTS and loop.ticks == 0:
@@ -161,6 +167,15 @@ class Session:
         """The last row says that the robot leans beyond the limit."""
         return any(code == "tipped" for _, _, code in self.supervisor.events)
 
+    def condition(self) -> str:
+        """State in words: with the fault, or with the first reason why the robot is not armed, and the cure."""
+        supervisor = self.supervisor
+        if supervisor.state is State.FAULT:
+            return f"{supervisor.state.name}  {supervisor.fault.code}: {supervisor.fault.sentence}; {supervisor.fault.cure}"
+        if self.refusals and supervisor.state is not State.BALANCING:
+            return f"{supervisor.state.name}  not armed: {self.refusals[0].sentence} {self.refusals[0].cure}"
+        return supervisor.state.name
+
     def _between_ticks(self, tick: int) -> None:
         state = self.supervisor.state
         if tick % ABSORB_EVERY == ABSORB_EVERY - 1:
@@ -182,10 +197,10 @@ class Session:
 
     def _rate_hz(self, tick: int) -> float:
         """Interrupt rate over the last 200 ticks; the wanted rate before there are that many."""
-        span = min(tick, 200)
+        rows, n = self.ring.rows, self.ring.capacity
+        span = min(tick, 200, n - 1)
         if span < 50:
             return self.config.realtime.rate_hz
-        rows, n = self.ring.rows, self.ring.capacity
         return span * 1e9 / float(rows["edge_ns"][tick % n] - rows["edge_ns"][(tick - span) % n])
 
     def _absorb(self, until: int) -> None:
@@ -216,16 +231,11 @@ class Live:
         if tick % self._every:
             return
         row = session.ring.rows[(tick - 1) % session.ring.capacity]
-        supervisor = session.supervisor
         lean = math.degrees(math.hypot(row["attitude_rad"][0], row["attitude_rad"][1]))
         text = (
-            f"{tick / session.config.realtime.rate_hz:7.1f} s  {supervisor.state.name:<11} lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
-            f"  {session.devices.battery_v:4.2f} V"
+            f"{tick / session.config.realtime.rate_hz:7.1f} s  lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
+            f"  {session.devices.battery_v:4.2f} V  {session.condition()}"
         )
-        if supervisor.state is State.FAULT:
-            text += f"  {supervisor.fault.code}: {supervisor.fault.sentence}; {supervisor.fault.cure}"
-        elif session.refusals and supervisor.state is not State.BALANCING:
-            text += f"  not armed: {session.refusals[0].sentence} {session.refusals[0].cure}"
         trouble = session.recorder.trouble()
         if trouble:
             text += f"  {trouble}"

@@ -9,6 +9,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from mip_rt import frame, prearm
+from mip_rt.guard import LOST, OK
 from mip_rt.hardware.imu_status import IMU_BUS_ERROR, IMU_FROZEN, IMU_OK
 
 
@@ -37,6 +38,8 @@ class Condition:
     NOT_FINITE = 1 << 8
     MOTOR_ERROR = 1 << 9
     ESTIMATOR_SICK = 1 << 10
+    GUARD_DROPPED = 1 << 11  # the guard took the enable line away: the loop's heartbeat was too old
+    GUARD_LOST = 1 << 12  # the guard's own heartbeat is too old, or it refuses
 
 
 class Fault(NamedTuple):
@@ -59,6 +62,9 @@ FAULTS = {
         Fault(5, "not_finite", "commands were not finite for three ticks", "send the log to the developers"),
         Fault(6, "motor_write", "the motors refused a write", "check the motor driver's PWM and GPIO overlays"),
         Fault(7, "estimator", "the estimator failed three ticks in a row", "send the log to the developers"),
+        Fault(8, "guard_dropped", "the loop stood still for longer than limits.guard_timeout_s, so the guard dropped the enable line",
+              "look for scheduling warnings at the start and for a blocked I2C bus; press the button twice to arm again"),
+        Fault(9, "guard_lost", "the guard process is gone or hangs; it cannot come back", "restart mip-rt; its journal says why the guard ended"),
     )
 }
 FAULT_BY_NUMBER = {f.number: f for f in FAULTS.values()}
@@ -76,6 +82,8 @@ class Transition(NamedTuple):
 
 C = Condition
 _FAILURES = (
+    Transition(C.GUARD_LOST, 0, 0.0, State.FAULT, "guard_lost"),
+    Transition(C.GUARD_DROPPED, 0, 0.0, State.FAULT, "guard_dropped"),  # whatever else is seen after a standstill follows from it
     Transition(C.IMU_IS_FROZEN, 0, 0.0, State.FAULT, "imu_frozen"),
     Transition(C.IMU_BAD, 0, 0.015, State.FAULT, "imu_bad"),
 )
@@ -90,14 +98,14 @@ TRANSITIONS = {
         Transition(C.UPRIGHT, 0, "engage_hold_s", State.BALANCING),
     ),
     State.BALANCING: (
-        Transition(C.TIPPED, 0, 0.0, State.FAULT, "tipped"),
         *_FAILURES,
+        Transition(C.TIPPED, 0, 0.0, State.FAULT, "tipped"),
         Transition(C.NOT_FINITE, 0, 0.015, State.FAULT, "not_finite"),
         Transition(C.ESTIMATOR_SICK, 0, 0.015, State.FAULT, "estimator"),
         Transition(C.MOTOR_ERROR, 0, 0.0, State.FAULT, "motor_write"),
         Transition(C.BUTTON, 0, 0.0, State.DISARMED),
     ),
-    State.FAULT: (Transition(C.BUTTON, C.TIPPED | C.IMU_BAD | C.IMU_IS_FROZEN, 0.0, State.DISARMED),),
+    State.FAULT: (Transition(C.BUTTON, C.TIPPED | C.IMU_BAD | C.IMU_IS_FROZEN | C.GUARD_LOST, 0.0, State.DISARMED),),
 }
 
 
@@ -133,6 +141,7 @@ class Supervisor:
         self.calibrated = False
         self._button = False
         self._motor_error = False
+        self._guard = OK
         self._counts = [0] * max(len(rows) for rows in self._table.values())
         self._motors.off()
 
@@ -154,6 +163,10 @@ class Supervisor:
         self._motors.off()
         if self.state not in (State.BOOT, State.FAULT):
             self._enter(State.FAULT, FAULTS["imu_silent"], tick)
+
+    def alive(self, now_ns: int) -> None:
+        """The heartbeat, once a tick before `apply`: the loop has come round to this time; and what has become of the guard meanwhile."""
+        self._guard = self._motors.beat(now_ns)
 
     def apply(self, tick: int, imu_status: int, limits: int, upright: bool, duty_ns) -> bool:
         """Evaluates the table for this tick and writes the motors accordingly.
@@ -187,6 +200,8 @@ class Supervisor:
             conditions |= C.READY
         if self._motor_error:
             conditions |= C.MOTOR_ERROR
+        if self._guard:
+            conditions |= C.GUARD_LOST if self._guard == LOST else C.GUARD_DROPPED
 
         self.request &= ~frame.REQUEST_HEADING_RESET
         counts = self._counts

@@ -60,5 +60,4 @@ class DryRun:
         import numpy as np
 
         duty = np.zeros(len(self.config.motors.signs))
-        self.bench.kernel.motor_wiring._enable_request = None
         return self.bench.kernel.motor_wiring.read(duty) and bool(duty.any())

@@ -63,6 +63,8 @@ def broken_rules(config):
         yield "estimator.shadows", "an estimator stands here twice, or is the one in control"
     if config.remote.timeout_s + config.remote.ramp_s > 0.5:
         yield "remote.timeout_s", "timeout_s and ramp_s together must be at most 0.5 s: a lost remote must stand still by then"
+    if config.limits.guard_timeout_s < config.limits.imu_silence_s + 0.01:
+        yield "limits.guard_timeout_s", "must be at least imu_silence_s and two ticks, so that a silent IMU is not taken for a hung loop"
     buttons = [level.button for level in config.remote.levels]
     if "none" not in buttons or len(set(buttons)) != len(buttons):
         yield "remote.levels", "each button once, and one row for 'none'"

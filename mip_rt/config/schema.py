@@ -164,6 +164,7 @@ MBBR = {
         "engage_tilt_rad": N(0.174533, "Balancing starts within this lean.", unit="rad", low=0.01, high=0.5),
         "engage_hold_s": N(0.5, "Held upright for so long.", unit="s", low=0.1, high=10),
         "imu_silence_s": N(0.03, "Motors off after so long without an interrupt.", unit="s", low=0.006, high=0.045),
+        "guard_timeout_s": N(0.06, "The guard drops the enable line when the loop's heartbeat is older.", unit="s", low=0.02, high=0.09),
         "duty": N(1.0, "Largest wheel command.", low=0.05, high=1),
     },
     "realtime": {

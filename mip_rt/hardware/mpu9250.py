@@ -58,13 +58,15 @@ class Mpu9250:
         self._rate_hz = rate_hz
         self._bus = kernel.open_i2c(settings.bus)
         address = settings.address
-        self._count_request = i2c_msg.write(address, [r.FIFO_COUNT_H])
-        self._count_reply = i2c_msg.read(address, 2)
-        self._fifo_request = i2c_msg.write(address, [r.FIFO_R_W])
-        # One reply message for each number of waiting packets; only the last packet of it is used.
-        self._fifo_reply = [i2c_msg.read(address, r.PACKET_BYTES * n) for n in range(1, r.FIFO_BYTES // r.PACKET_BYTES + 1)]
-        self._count_bytes = _bytes_of(self._count_reply, 0, 2)
-        self._packets = [_bytes_of(m, r.PACKET_BYTES * n, r.PACKET_BYTES) for n, m in enumerate(self._fifo_reply)]
+        count_reply = i2c_msg.read(address, 2)
+        self._read_count = self._bus.prepare(i2c_msg.write(address, [r.FIFO_COUNT_H]), count_reply)
+        self._count_bytes = _bytes_of(count_reply, 0, 2)
+        # One transfer for each number of waiting packets; only the last packet of it is used.
+        request = i2c_msg.write(address, [r.FIFO_R_W])
+        replies = [i2c_msg.read(address, r.PACKET_BYTES * n) for n in range(1, r.FIFO_BYTES // r.PACKET_BYTES + 1)]
+        self._read_fifo = [self._bus.prepare(request, reply) for reply in replies]
+        self._packets = [_bytes_of(m, r.PACKET_BYTES * n, r.PACKET_BYTES) for n, m in enumerate(replies)]
+        self._kept = request, count_reply, replies  # the prepared transfers point into their buffers
         self._last = bytearray(r.PACKET_BYTES)
         self._equal = 0
         self._quarrels = 0
@@ -173,16 +175,16 @@ class Mpu9250:
                 )
 
     # -- hot path ----------------------------------------------------------------------------------------------------
-    def _transfer(self, request, reply) -> bool:
+    def _transfer(self, prepared) -> bool:
         try:
-            self._bus.i2c_rdwr(request, reply)
+            self._bus.transfer(prepared)
             return True
         except OSError as error:
             if error.errno == 110:  # the kernel has already waited a second: no retry
                 self.counters["bus_errors"] += 1
                 return False
         try:
-            self._bus.i2c_rdwr(request, reply)
+            self._bus.transfer(prepared)
             return True
         except OSError:
             self.counters["bus_errors"] += 1
@@ -191,7 +193,7 @@ class Mpu9250:
     def read(self, buffer, offset: int) -> int:
         """Copies the newest packet (32 bytes) to buffer[offset:]; returns the IMU_* bits. Never raises for the bus."""
         self.backlog = 0
-        if not self._transfer(self._count_request, self._count_reply):
+        if not self._transfer(self._read_count):
             return IMU_BUS_ERROR
         count_bytes = self._count_bytes
         count = (count_bytes[0] & 0x1F) << 8 | count_bytes[1]
@@ -200,7 +202,7 @@ class Mpu9250:
         status = 0
         if count % r.PACKET_BYTES:
             self._kernel.sleep(HALF_WRITTEN_WAIT_S)
-            if not self._transfer(self._count_request, self._count_reply):
+            if not self._transfer(self._read_count):
                 return IMU_BUS_ERROR
             count = (count_bytes[0] & 0x1F) << 8 | count_bytes[1]
             if count % r.PACKET_BYTES:
@@ -211,7 +213,7 @@ class Mpu9250:
             waiting = len(self._packets)
             self.counters["overflows"] += 1
             status |= IMU_OVERFLOW
-        if not self._transfer(self._fifo_request, self._fifo_reply[waiting - 1]):
+        if not self._transfer(self._read_fifo[waiting - 1]):
             return status | IMU_BUS_ERROR
         if waiting > 1:
             self.backlog = waiting - 1

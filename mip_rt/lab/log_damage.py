@@ -40,13 +40,13 @@ class Pace:
         time.sleep(max(0.0, self._next - now))
 
 
-def dry_run(folder: Path, duration_s: float, record: bool, live=None, **overrides) -> dict:
-    """Summary of a deterministic dry run in this process."""
+def dry_run(folder: Path, duration_s: float, record, live=None, **overrides) -> dict:
+    """Summary of a deterministic dry run in this process; `record`: folder of the recorder, or None."""
     changes = {name.replace("__", "."): value for name, value in overrides.items()}
     config = configuration.load(configuration.default_path("mbbr"), {"estimator.shadows": "[]", "log.ring_s": "20", **changes})
     bench = fake_bench.build(config, scenarios.load("hold"), 1, False)
     try:
-        session = runner.Session(config, bench, folder, bench.remote.device, 1, "hold", folder if record else None)
+        session = runner.Session(config, bench, folder, bench.remote.device, 1, "hold", record)
         return session.run(duration_s, runner.Stop(), live, False)
     finally:
         bench.close()
@@ -59,7 +59,7 @@ def in_child(folder: Path, duration_s: float, rate_hz: float) -> int:
         return child
     try:
         os.setsid()
-        dry_run(folder, duration_s, True, Pace(rate_hz))
+        dry_run(folder, duration_s, folder, Pace(rate_hz))
     finally:
         os._exit(0)
 
@@ -149,7 +149,7 @@ def invented(frames, reference) -> int:
     """How many of the frames are not exactly the reference's row of the same tick."""
     if not len(frames):
         return 0
-    known = frames["tick"] < len(reference) if "edge_ns" in frames.dtype.names else np.zeros(len(frames), bool)
+    known = frames["tick"] < len(reference)
     return int((~known).sum()) + sum(a.tobytes() != b.tobytes() for a, b in zip(frames[known], reference[frames["tick"][known]]))
 
 
@@ -157,7 +157,7 @@ def kill(count: int, seed: int, together: int = 4, progress=lambda done, total: 
     """Verdicts of `count` runs, some at the same time; victims take turns, moments are random."""
     source = random.Random(seed)
     with tempfile.TemporaryDirectory() as folder:
-        reference = open_log(dry_run(Path(folder), 20.0, False)["log"]).frames
+        reference = open_log(dry_run(Path(folder), 20.0, None)["log"]).frames
     verdicts = []
     for begin in range(0, count, together):
         killings = [Killing(VICTIMS[i % 3], source.uniform(0.0, 2.5)) for i in range(begin, min(count, begin + together))]
@@ -170,7 +170,7 @@ def kill(count: int, seed: int, together: int = 4, progress=lambda done, total: 
 
 def sample(folder: Path, duration_s: float) -> tuple[Path, Path]:
     """(ring, recorded file) of an undisturbed run."""
-    report = dry_run(folder, duration_s, True)
+    report = dry_run(folder, duration_s, folder)
     (recorded,) = Path(report["recorder"]["folder"]).iterdir()
     (ring,) = folder.glob("*.ring")
     return ring, recorded
@@ -235,3 +235,54 @@ def flip(path: Path, count: int, seed: int, progress=lambda done, total: None) -
             progress(done + 1, count)
     copy.unlink()
     return result
+
+
+def report(quick: bool, progress) -> dict:
+    """For `mip-rt bench log-damage`: 200 kills, 2,000 cuts and flips of a ring and of a recorded file; a twentieth where quick."""
+    kills, times = (10, 100) if quick else (200, 2000)
+
+    def told(what):
+        return lambda done, total: progress(done, total, what)
+
+    verdicts = kill(kills, 1, progress=told("kill -9"))
+    found = {
+        "kills": {
+            victim: {
+                "count": len(chosen := [verdict for verdict in verdicts if verdict["victim"] == victim]),
+                "rows_lost_at_most": max(verdict["lost"] for verdict in chosen),
+                "rows_lost_in_ring": max(verdict["ring_lost"] for verdict in chosen),
+                "invented": sum(verdict["invented"] for verdict in chosen),
+            }
+            for victim in VICTIMS
+        }
+    }
+    with tempfile.TemporaryDirectory() as folder:
+        for path in sample(Path(folder), 5.0):
+            name = "ring" if path.suffix == ".ring" else "recorded file"
+            found[f"{name} cut"] = cut(path, times, 2, told(f"{name} cut"))
+            found[f"{name} flipped"] = flip(path, times, 3, told(f"{name} flipped"))
+    return found
+
+
+def passed(found: dict) -> bool:
+    """Nothing raised, nothing was invented, at most a second is lost."""
+    kills = found["kills"].values()
+    rest = [value for key, value in found.items() if key != "kills"]
+    return (
+        all(k["rows_lost_at_most"] <= ONE_SECOND and not k["rows_lost_in_ring"] and not k["invented"] for k in kills)
+        and not found["kills"]["loop"]["rows_lost_at_most"]
+        and all(r["worst"] <= ONE_SECOND and not r["raised"] and not r["invented"] for r in rest)
+    )
+
+
+def render(found: dict) -> None:
+    """Markdown."""
+    print("| kill -9 of | times | rows missing at the end of the recorded files, at most | in the ring | rows never written |")
+    print("|---|---|---|---|---|")
+    for victim, row in found["kills"].items():
+        print(f"| {victim} | {row['count']} | {row['rows_lost_at_most']} | {row['rows_lost_in_ring']} | {row['invented']} |")
+    print("\n| damage | times | reader raised | intact rows lost at most | rows never written |")
+    print("|---|---|---|---|---|")
+    for what, row in found.items():
+        if what != "kills":
+            print(f"| {what} | {row['count']} | {row['raised']} | {row['worst']} | {row['invented']} |")

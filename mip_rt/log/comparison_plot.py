@@ -2,9 +2,11 @@
 
 import numpy as np
 
+from mip_rt import optional
 from mip_rt.errors import LogError
 
 PANELS = 6
+DRAWN = ("roll_rad", "pitch_rad", "ball_rate", "phi_rate")  # beginnings of the estimates' names
 
 
 class Traces:
@@ -19,7 +21,7 @@ class Traces:
         self.control = rerun.names[0]
         self.shadows = [name for name in rerun.names[1:] if name not in rerun.recorded_names]
         self._slots = [rerun.names.index(name) for name in self.shadows]
-        wanted = [("estimates", i) for i, name in enumerate(names) if name.startswith(("roll_rad", "pitch_rad", "ball_rate", "wheel_rate"))]
+        wanted = [("estimates", i) for i, name in enumerate(names) if name.startswith(DRAWN)]
         for field in ("command_feedback", "command_applied", "duty"):
             if field in rerun.outputs:
                 wanted.append((field, 0))
@@ -52,15 +54,11 @@ def draw(path, traces: Traces, title: str) -> None:
     """Writes the page.
 
     Raises:
-        LogError: matplotlib is missing, or the file cannot be written.
+        PackageMissing: matplotlib is not installed.
+        LogError: the file cannot be written.
     """
-    try:
-        import matplotlib
-
-        matplotlib.use("Agg")
-        from matplotlib import pyplot
-    except ImportError as error:
-        raise LogError("plots need matplotlib.", "Install the extra: pip install 'mip-rt[lab]'.", "matplotlib_missing") from error
+    optional.load("matplotlib", "lab", "The plot").use("Agg")
+    pyplot = optional.load("matplotlib.pyplot", "lab", "The plot")
     times, panels = traces.series()
     figure, axes = pyplot.subplots(len(panels), 2, figsize=(14, 2.2 * len(panels)), sharex=True, squeeze=False, layout="constrained")
     for (left, right), label, series in zip(axes, traces.labels, panels):

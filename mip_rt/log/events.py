@@ -2,21 +2,9 @@
 
 import numpy as np
 
-from mip_rt.frame import LIMITS
-from mip_rt.hardware import imu_status
-from mip_rt.supervisor import FAULT_BY_NUMBER, State
+from mip_rt.summary import STAGES
 
-STAGES = ("wake", "read", "step", "write", "edge_to_write")
-IMU_BITS = {name[4:].lower(): bit for name, bit in vars(imu_status).items() if name.startswith("IMU_") and bit != imu_status.IMU_OK}
 BEFORE_S = 1.0  # what "before a fault" means
-
-
-def state_name(number: int) -> str:
-    """Name of a supervisor state; its number where this program does not know it."""
-    try:
-        return State(number).name
-    except ValueError:
-        return f"state {number}"
 
 
 def stage_ns(frames) -> dict[str, np.ndarray]:
@@ -30,45 +18,42 @@ def moment(frames, times_s, row: int) -> dict:
     return {"time_s": round(float(times_s[row]), 6), "tick": int(frames["tick"][row])}
 
 
-def transitions(frames, times_s) -> list[dict]:
+def transitions(frames, times_s, codes) -> list[dict]:
     """Changes of the supervisor's state; the first entry is the state at the log's beginning (`before` is then None)."""
     states = frames["state"]
     rows = [0, *(np.flatnonzero(states[1:] != states[:-1]) + 1).tolist()]
     return [
-        {**moment(frames, times_s, row), "before": state_name(states[row - 1]) if row else None, "state": state_name(states[row])}
+        {**moment(frames, times_s, row), "before": codes.state(states[row - 1]) if row else None, "state": codes.state(states[row])}
         for row in rows
     ]
 
 
-def fault_rows(frames) -> list[int]:
+def fault_rows(frames, codes) -> list[int]:
     """Rows in which a fault was in force for the first time.
 
     A fault's number is in the row that caused it, or, where no interrupt came any more, in the next one; the number remains after the
     fault was acknowledged, so that the same fault a second time shows in the state only.
     """
     number, state = frames["fault"], frames["state"]
-    entered = (state[1:] == State.FAULT) & (state[:-1] != State.FAULT)
+    entered = (state[1:] == codes.fault_state) & (state[:-1] != codes.fault_state)
     rows = []
     for row in (np.flatnonzero(entered) + 1).tolist():
         caused = row - 1
         rows.append(caused if number[caused] == number[row] and (caused == 0 or number[caused - 1] != number[row]) else row)
-    if state[0] == State.FAULT:
+    if state[0] == codes.fault_state:
         rows.insert(0, 0)
-    if number[-1] and state[-1] != State.FAULT and len(frames) > 1 and number[-2] != number[-1]:
+    if number[-1] and state[-1] != codes.fault_state and len(frames) > 1 and number[-2] != number[-1]:
         rows.append(len(frames) - 1)  # the log ends with the tick that caused the fault
     return rows
 
 
-def faults(frames, times_s) -> list[dict]:
+def faults(frames, times_s, codes) -> list[dict]:
     """Faults with code, sentence and cure, and what was limited in the second before each."""
     found = []
-    for row in fault_rows(frames):
-        number = int(frames["fault"][row])
-        fault = FAULT_BY_NUMBER.get(number)
-        words = {"code": fault.code, "sentence": fault.sentence, "cure": fault.cure} if fault else {
-            "code": f"fault {number}", "sentence": "this program does not know the number", "cure": ""}  # fmt: skip
+    for row in fault_rows(frames, codes):
         before = frames[(times_s > times_s[row] - BEFORE_S) & (times_s <= times_s[row])]
-        found.append({**moment(frames, times_s, row), **words, "limits_before": {n: v["ticks"] for n, v in limits(before).items()}})
+        ticks = {name: entry["ticks"] for name, entry in limits(before, codes).items()}
+        found.append({**moment(frames, times_s, row), **codes.fault_words(frames["fault"][row]), "limits_before": ticks})
     return found
 
 
@@ -77,22 +62,19 @@ def in_words(ticks: dict) -> str:
     return ", ".join(f"{name} in {count} tick{'s' * (count != 1)}" for name, count in ticks.items())
 
 
-def limits(frames, times_s=None) -> dict[str, dict]:
-    """By name of each limit that was applied: number of ticks, and first and last time where times are given."""
-    return _bits(frames, times_s, frames["limits"], LIMITS)
+def limits(frames, codes, times_s=None) -> dict[str, dict]:
+    """By name of each limit that was applied: its bit, number of ticks, and first and last time where times are given."""
+    return _bits(frames["limits"], codes.limits_in(frames["limits"]), times_s)
 
 
-def imu_troubles(frames, times_s=None) -> dict[str, dict]:
+def imu_troubles(frames, codes, times_s=None) -> dict[str, dict]:
     """Likewise for what the IMU's reading returned beside a good packet."""
-    return _bits(frames, times_s, frames["imu_status"], IMU_BITS)
+    return _bits(frames["imu_status"], codes.imu, times_s)
 
 
-def _bits(frames, times_s, words, names: dict) -> dict[str, dict]:
-    known = dict(names)
-    extra = int(np.bitwise_or.reduce(words)) & ~sum(names.values()) if len(words) and names is LIMITS else 0
-    known |= {f"bit {bit}": 1 << bit for bit in range(63) if extra >> bit & 1}
+def _bits(words, names: dict, times_s) -> dict[str, dict]:
     found = {}
-    for name, bit in known.items():
+    for name, bit in names.items():
         rows = np.flatnonzero(words & bit)
         if len(rows):
             found[name] = {"bit": bit, "ticks": len(rows)}

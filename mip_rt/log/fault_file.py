@@ -49,6 +49,8 @@ class FaultFile:
             return True
         try:
             if self._file is None:
+                if committed <= max(self._begin, recorder.source.oldest()):
+                    return False  # the loop ended before its first tick
                 if len(fault_files(recorder.folder)) >= recorder.settings["fault_files"]:
                     recorder.status[Status.FAULTS_REFUSED] += 1
                     return False

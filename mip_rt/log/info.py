@@ -53,8 +53,9 @@ def report(log, config_path=None) -> dict:
     import numpy as np
 
     from mip_rt.log import events
+    from mip_rt.log.codes import Codes
 
-    frames, times_s = log.frames, seconds(log)
+    frames, times_s, codes = log.frames, seconds(log), Codes(log.header)
     stages = events.stage_ns(frames)
     latency, histogram = {}, {}
     for stage, values in stages.items():
@@ -66,7 +67,7 @@ def report(log, config_path=None) -> dict:
     span_s = float(frames["edge_ns"][-1] - frames["edge_ns"][0]) * 1e-9
     missed, lost = events.missed(frames, times_s), events.gaps(frames, times_s)
     passed = int(frames["tick"][-1] - frames["tick"][0]) + int(frames["missed"][1:].sum())
-    changes = events.transitions(frames, times_s)
+    changes = events.transitions(frames, times_s, codes)
     header = log.header
     return {
         "log": str(log.path),
@@ -85,16 +86,18 @@ def report(log, config_path=None) -> dict:
         "latency_us": latency,
         "histogram_us": {"edges": [*EDGES_US[:-1], None], **histogram},
         "worst": [
-            {**events.moment(frames, times_s, row), "state": events.state_name(frames["state"][row]),
+            {**events.moment(frames, times_s, row), "state": codes.state(frames["state"][row]),
              **{stage: round(float(values[row]) / 1000.0, 1) for stage, values in stages.items()}}
             for row in slowest.tolist()
         ],
         "states": changes,
-        "faults": events.faults(frames, times_s),
-        "limits": events.limits(frames, times_s),
-        "imu": events.imu_troubles(frames, times_s),
+        "faults": events.faults(frames, times_s, codes),
+        "limits": events.limits(frames, codes, times_s),
+        "imu": events.imu_troubles(frames, codes, times_s),
         "configuration": _configuration(log, config_path),
-        "code": {key: header[key] for key in ("mip_rt", "source_hash", "dirty", "versions") if key in header},
+        "recorder": _recorder(log),
+        "calibration": header.get("calibration", {}),
+        "code": {key: header[key] for key in ("mip_rt", "commit", "source_hash", "versions") if key in header},
         "host": header.get("host", {}),
         "run": {key: header[key] for key in ("scenario", "seed") if key in header},
         "damage": list(log.damage),
@@ -105,6 +108,13 @@ def _robot(log) -> str:
     from mip_rt.log.configuration import value
 
     return str(value(log.config, "robot", "unknown"))
+
+
+def _recorder(log) -> dict:
+    """The recorder's last counters, and why it ended; empty for a ring."""
+    counters = log.end or (log.recorder[-1] if log.recorder else {})
+    kept = ("reason", "recorded", "dropped", "torn", "backlog_max", "errors", "sync_max_ns", "faults_kept", "faults_refused", "faults_lost")
+    return {key: counters[key] for key in kept if key in counters}
 
 
 def _realtime(header: dict, edge_ns: int) -> str | None:
@@ -142,6 +152,7 @@ def render(report: dict) -> str:
     lines.append(f"{r['missed']} ticks missed, {r['lost']} rows lost")
     lines += _listed(r["missed_at"], lambda e: f"  {_when(e)}: {e['missed']} missed before")
     lines += _listed(r["lost_at"], lambda e: f"  {_when(e)}: {e['lost']} rows are not in the log before")
+    lines += _recorder_line(r["recorder"])
     lines += [f"damage: {sentence}" for sentence in r["damage"]]
     lines += ["", "faults" if r["faults"] else "no fault"]
     for entry in r["faults"]:
@@ -154,7 +165,7 @@ def render(report: dict) -> str:
         if r[key]:
             lines += ["", f"{title:<24} {'ticks':>8}  {'first':>10}  {'last':>10}"]
             lines += [f"  {name:<22} {e['ticks']:>8}  {e['first_s']:>8.3f} s  {e['last_s']:>8.3f} s" for name, e in r[key].items()]
-    lines += ["", *_latency_table(r), "", *_worst_table(r), "", *_configuration_lines(r["configuration"]), "", *_code_lines(r)]
+    lines += ["", *_latency_table(r), *_worst_table(r), "", *_configuration_lines(r["configuration"]), "", *_code_lines(r)]
     return "\n".join(lines)
 
 
@@ -171,6 +182,8 @@ def _latency_table(r: dict) -> list[str]:
     """Percentiles and histogram: stages are columns, classes of duration are rows; bars are linear within a stage, a mark for the rarest."""
     stages = list(r["latency_us"])
     heads = [stage.replace("_", " ") for stage in stages]
+    if not any(r["latency_us"][stage]["max"] for stage in stages):
+        return ["latency: none, time was virtual"]
     lines = ["latency (us)".ljust(15) + "".join(f"{head:>16}" for head in heads)]
     lines += [f"  {name.replace('p999', 'p99.9'):<13}" + "".join(f"{r['latency_us'][s][name]:>16.1f}" for s in stages) for name in ("p50", "p99", "p999", "max")]
     histogram = {stage: r["histogram_us"][stage] for stage in stages}
@@ -190,7 +203,9 @@ def _bar(count: int, most: int) -> str:
 
 def _worst_table(r: dict) -> list[str]:
     stages = list(r["latency_us"])
-    lines = [f"slowest {len(r['worst'])} ticks (us)".ljust(36) + "".join(f"{s.replace('_', ' '):>14}" for s in stages)]
+    if not r["worst"][0]["edge_to_write"]:
+        return []
+    lines = ["", f"slowest {len(r['worst'])} ticks (us)".ljust(36) + "".join(f"{s.replace('_', ' '):>14}" for s in stages)]
     return lines + [f"  {_when(e)} {e['state']:<12}".ljust(36) + "".join(f"{e[s]:>14.1f}" for s in stages) for e in r["worst"]]
 
 
@@ -205,11 +220,25 @@ def _configuration_lines(found: dict) -> list[str]:
     return lines + [f"  {d['key']}: {shown(d['log'])} / {shown(d['file'])}" for d in found["differences"]]
 
 
+def _recorder_line(counters: dict) -> list[str]:
+    if not counters:
+        return []
+    line = (f"recorder: {counters.get('recorded', 0)} rows written, {counters.get('dropped', 0)} dropped, at most {counters.get('backlog_max', 0)} waiting, "
+            f"{counters.get('errors', 0)} refused writes, slowest sync {counters.get('sync_max_ns', 0) / 1e6:.0f} ms")  # fmt: skip
+    refused = counters.get("faults_refused", 0) + counters.get("faults_lost", 0)
+    line += f"; {refused} fault files not kept" if refused else ""
+    return [f"{line}; ended: {counters['reason']}" if "reason" in counters else line]
+
+
 def _code_lines(r: dict) -> list[str]:
-    code, host = dict(r["code"]), r["host"]
-    versions = ", ".join(f"{name} {version}" for name, version in code.pop("versions", {}).items())
-    dirty = ", changed since its commit" if code.get("dirty") else ""
-    return [
-        f"code: mip-rt {code.get('mip_rt', 'unknown')}, compiled sources {code.get('source_hash', 'unknown')}{dirty}; {versions}",
+    code, host = r["code"], r["host"]
+    commit = code.get("commit") or {}
+    at = f", commit {commit['hash'][:12]}{' with changes' if commit.get('dirty') else ''}" if commit.get("hash") else ""
+    versions = ", ".join(f"{name} {version}" for name, version in code.get("versions", {}).items())
+    lines = [
+        f"code: mip-rt {code.get('mip_rt', 'unknown')}{at}, compiled sources {code.get('source_hash', 'unknown')}; {versions}",
         "host: " + ", ".join(str(value) for value in host.values()),
     ]
+    if r["calibration"]:
+        lines.append("calibration at the start: " + "; ".join(f"{name} {value}" for name, value in r["calibration"].items()))
+    return lines

@@ -2,7 +2,8 @@
 
 from mip_rt import optional
 from mip_rt.errors import LogError
-from mip_rt.log.panels import VERMILLION, Page, decimated
+from mip_rt.log.decimation import decimated
+from mip_rt.log.page import GREY, VERMILLION, Page
 
 BINS = 3000  # points a line are twice as many: a minute of spikes remains quick to move
 DASHES = {"solid": "solid", "dash": "dash", "dot": "dot"}
@@ -38,7 +39,7 @@ def figure(page: Page):
     height = TOP_PX + band_px + count * (PANEL_PX + GAP_PX) + 60
     titles = [""] * columns
     for row in range(count):
-        titles += [f"{c[row].title} ({c[row].unit})" if row < len(c) else "" for c in page.columns]
+        titles += [f"{c[row].title} ({c[row].unit})" for c in page.columns if row < len(c)]  # an empty cell takes no title
     sheet = subplots.make_subplots(
         rows=count + 1, cols=columns, shared_xaxes="all", row_heights=[band_px, *[PANEL_PX] * count], subplot_titles=titles,
         vertical_spacing=GAP_PX / (height - TOP_PX), horizontal_spacing=0.05,
@@ -102,7 +103,7 @@ def _add_panel(graph, sheet, panel, page: Page, row: int, column: int) -> None:
     high = max((float(v) for line in panel.lines for v in [-_least(-line.values)]), default=0.0)
     for bound in panel.bounds:
         if low <= bound <= high:
-            sheet.add_hline(y=bound, line={"color": "#8C8C8C", "width": 1, "dash": "dot"}, row=row, col=column)
+            sheet.add_hline(y=bound, line={"color": GREY, "width": 1, "dash": "dot"}, row=row, col=column)
 
 
 def _least(values) -> float:

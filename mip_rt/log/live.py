@@ -12,7 +12,7 @@ import numpy as np
 
 from mip_rt.errors import LogError
 from mip_rt.log import ring_format
-from mip_rt.log.reader import record_type
+from mip_rt.log.log_data import record_type
 from mip_rt.log.ring_format import MAGIC, PREFIX, START, VERSION, Counter
 
 PATTERN = "*.ring"
@@ -137,7 +137,8 @@ class LiveRing:
             return Path(where)
         path = newest_ring(where)
         if path is None:
-            raise LogError(f"there is no ring in {where}.", "Start mip-rt, or name the .ring file that it prints.", "log_absent")
+            places = where if isinstance(where, str | os.PathLike) else " or ".join(map(str, where))
+            raise LogError(f"there is no ring in {places}.", "Start mip-rt, or name the .ring file that it prints.", "log_absent")
         return path
 
     def _open(self, path: Path) -> None:
@@ -173,7 +174,8 @@ class LiveRing:
     def _reopen_if_new(self) -> bool:
         path = self.path
         now = time.monotonic()
-        if now - self._looked_s > LOOK_AROUND_S:
+        # While our loop runs, another's ring is not looked for: of two loops at a time both would seem the newest in turn.
+        if now - self._looked_s > LOOK_AROUND_S and (self.finished or self.quiet_s > LOOK_AROUND_S):
             self._looked_s = now
             try:
                 path = self._find()

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-NO_ROWS = np.dtype([("sequence", "<i8"), ("tick", "<i8")])  # of a log whose header is lost
+from mip_rt import frame
 
 
 @dataclass
@@ -50,5 +50,5 @@ def record_type(description: dict) -> np.dtype:
 
 
 def without_header(path: Path, sentence: str) -> Log:
-    """The log of a file that is one, but does not say what its rows are."""
-    return Log(path, {}, np.zeros(0, NO_ROWS), [sentence])
+    """The log of a file that is one, but does not say what its rows are: no frames, with the fields that every robot's have."""
+    return Log(path, {}, np.zeros(0, frame.Layout(0, (), ()).dtype), [sentence])

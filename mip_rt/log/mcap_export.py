@@ -2,19 +2,19 @@
 
 Times are those of the IMU's edge, carried to the clock of the day by the offsets in the log's header. Units and meanings are the
 descriptions in the schemas. The configuration and the header are attached as files, the short entries of the header as metadata.
-JSON has no word for NaN and infinity: such a number is null.
+JSON has no word for NaN and infinity: such a number is null. Foxglove's reader of schemas knows neither alternatives of types nor arrays
+of arrays, and bytes as base64 only.
 """
 
+import base64
 import json
 from pathlib import Path
 
 import numpy as np
 
 from mip_rt import optional
-from mip_rt.frame import LIMITS
-from mip_rt.log import events
+from mip_rt.log.codes import Codes
 from mip_rt.log.columns import estimators, unit_of
-from mip_rt.supervisor import FAULT_BY_NUMBER
 
 # Topic by the beginning of a field's name; the first that fits. Estimates have a topic each.
 TOPICS = (
@@ -56,7 +56,7 @@ def write_mcap(header: dict, frames, output: Path) -> None:
         writer.add_attachment(at_ns, at_ns, "config.yaml", "application/yaml", header.get("config", "").encode())
         writer.add_attachment(at_ns, at_ns, "header.json", "application/json", json.dumps(header).encode())
         topics = [_Topic(writer, topic, names, header, frames) for topic, names in _groups(header).items()]
-        topics += [_Estimate(writer, slot, name, header, frames) for slot, name in enumerate(estimators(header)) if "estimates" in frames.dtype.names]
+        topics += [_Estimate(writer, slot, name, header, frames) for slot, name in enumerate(estimators(header))]
         for row, time_ns in enumerate(times_ns):
             for topic in topics:
                 topic.add(row, time_ns)
@@ -101,24 +101,23 @@ class _Topic:
             entry, values = table[name], frames[name]
             words = f"{entry['meaning']} [{entry['unit']}]"
             if entry["dtype"].endswith("u1"):
-                properties[name] = {"type": "string", "contentEncoding": "base16", "description": words}
-                self.columns[name] = [row.tobytes().hex() for row in values]
+                properties[name] = {"type": "string", "contentEncoding": "base64", "description": words}
+                self.columns[name] = [base64.b64encode(row.tobytes()).decode() for row in values]
                 continue
             kind = {"type": TYPES[np.dtype(entry["dtype"]).kind]}
-            for _ in entry["shape"]:
-                kind = {"type": "array", "items": kind}
-            properties[name] = {**kind, "description": words}
-            self.columns[name] = _plain(values)
+            properties[name] = {**({"type": "array", "items": kind} if entry["shape"] else kind), "description": words}
+            self.columns[name] = _plain(values.reshape(len(values), -1) if entry["shape"] else values)
         if "state" in self.columns:
-            self._add_words(properties, frames)
+            self._add_words(properties, frames, Codes(header))
         self._register(writer, topic, properties)
 
-    def _add_words(self, properties: dict, frames) -> None:
+    def _add_words(self, properties: dict, frames, codes: Codes) -> None:
         """States, faults and limits in words, beside their numbers."""
+        known = codes.limits_in(frames["limits"])
         words = {
-            "state_name": ("supervisor state", [events.state_name(n) for n in frames["state"].tolist()]),
-            "fault_code": ("code of the fault", [FAULT_BY_NUMBER[n].code if n in FAULT_BY_NUMBER else str(n) for n in frames["fault"].tolist()]),
-            "limit_names": ("what was limited", [" ".join(n for n, bit in LIMITS.items() if v & bit) for v in frames["limits"].tolist()]),
+            "state_name": ("supervisor state", [codes.state(n) for n in frames["state"].tolist()]),
+            "fault_code": ("code of the fault", [codes.fault(n) for n in frames["fault"].tolist()]),
+            "limit_names": ("what was limited", [" ".join(n for n, bit in known.items() if word & bit) for word in frames["limits"].tolist()]),
         }
         for name, (meaning, column) in words.items():
             properties[name] = {"type": "string", "description": meaning}

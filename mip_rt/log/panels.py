@@ -1,109 +1,18 @@
-"""What stands on the page of `mip-rt log plot`: panels of lines over time, bands of states and limits, faults, and a verdict in words.
-
-Nothing here draws; `picture` makes a PNG of a page, `interactive` an HTML file. Robot-specific panels exist where the log has their fields.
-"""
+"""The panels of a page: chosen fields, or those that answer why a robot fell. What only one robot has is taken where the log has its fields."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from mip_rt.log import events
 from mip_rt.log.columns import estimators, pick_groups
 from mip_rt.log.configuration import as_dict, flatten
-from mip_rt.supervisor import State
+from mip_rt.log.page import BLACK, BLUE, GREEN, GREY, ORANGE, PALE, SERIES, Line, Panel
 
-# Okabe and Ito's palette: told apart by colour-blind readers, too.
-BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, PURPLE = (
-    "#000000", "#E69F00", "#56B4E9", "#009E73", "#F0E442", "#0072B2", "#D55E00", "#CC79A7"
-)  # fmt: skip
-GREY, PALE = "#8C8C8C", "#C4C4C4"
-SERIES = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION, GREY, BLACK)
-STATE_COLOURS = {
-    State.BOOT: "#D9D9D9", State.CALIBRATING: "#BFBFBF", State.DISARMED: "#E8DFC8", State.ARMING: YELLOW,
-    State.BALANCING: GREEN, State.FAULT: VERMILLION,
-}  # fmt: skip
-AXES = {3: "xyz", 2: "xz"}  # names of body commands by their number
 DEGREES = 180.0 / math.pi
-SILENCE_TICKS = 5  # a longer gap between rows interrupts the lines
+TURNS = 0.5 / math.pi
 
 
-class Line(NamedTuple):
-    """One curve: (n,) values over the page's times."""
-
-    label: str
-    values: np.ndarray
-    colour: str
-    style: str = "solid"  # or dash, dot
-    width: float = 1.2
-
-
-class Panel(NamedTuple):
-    """One pair of axes. `bounds` are horizontal marks."""
-
-    title: str
-    unit: str
-    lines: list
-    bounds: tuple = ()
-
-
-class Band(NamedTuple):
-    """Spans of time in a row of their own: (begin, end, text, colour)."""
-
-    label: str
-    spans: list
-
-
-class Page(NamedTuple):
-    """A whole plot.
-
-    Attributes:
-        heading: which log.
-        verdict: sentences: the faults in the window, or that there was none.
-        times_s: (n,) seconds since the loop's first tick.
-        columns: lists of Panels; a column is drawn from top to bottom.
-        bands: states first, then one a limit.
-        faults: (time, code) in the window.
-    """
-
-    heading: str
-    verdict: list
-    times_s: np.ndarray
-    columns: list
-    bands: list
-    faults: list
-
-
-def page(log, times_s, mask, fields: str | None = None) -> Page:
-    """The page of the rows in `mask`; of chosen fields where these are given (see `columns.pick_groups`).
-
-    Raises:
-        LogError: a chosen field is not in the log.
-    """
-    frames, times = log.frames[mask], times_s[mask]
-    begin, end = times[0], times[-1]
-    found = [fault for fault in events.faults(log.frames, times_s) if begin <= fault["time_s"] <= end]
-    columns = [chosen(log.header, frames, fields)] if fields else standard(log, frames)
-    heading = f"{log.path.name}: {begin:.2f} to {end:.2f} s of {times_s[0]:.2f} to {times_s[-1]:.2f} s; estimator {(estimators(log.header) or ['unknown'])[0]}"
-    return Page(heading, verdict(found, frames), times, columns, bands(frames, times), [(fault["time_s"], fault["code"]) for fault in found])
-
-
-def verdict(faults: list, frames) -> list[str]:
-    """One or two sentences a fault."""
-    if not faults:
-        return ["no fault in this window"]
-    sentences = []
-    for fault in faults[-2:]:
-        sentences.append(f"{fault['code']} at {fault['time_s']:.3f} s (tick {fault['tick']}): {fault['sentence']}")
-        before = {name: n for name, n in fault["limits_before"].items() if name != fault["code"]}
-        if before:
-            sentences.append("in the second before: " + events.in_words(before))
-    if len(faults) > 2:
-        sentences.append(f"{len(faults) - 2} earlier faults in this window")
-    return sentences
-
-
-# -- panels ------------------------------------------------------------------------------------------------------------
 def chosen(header: dict, frames, fields: str) -> list[Panel]:
     """One panel for each group of fields."""
     found = []
@@ -117,68 +26,152 @@ def chosen(header: dict, frames, fields: str) -> list[Panel]:
 
 
 def standard(log, frames) -> list[list[Panel]]:
-    """The two columns of the page that answers why it fell."""
-    view = _View(log, frames)
+    """The two columns of the page: how the robot moved, and what was asked of its motors."""
+    names = log.header.get("estimate_names", [])
+    kind = _OnBall if "ball_rate_x_rad_s" in names else _OnWheels if "phi_rad" in names else _View
+    view = kind(log, frames)
     left = [*view.tilt(), view.yaw_rate(), *view.position(), view.speed(), view.latency()]
-    right = [*view.commands(), view.duty(), view.wheel_rate(), view.battery()]
+    right = [*view.commands(), *view.wheel_commands(), view.duty(), view.wheel_rate(), view.battery()]
     return [[panel for panel in column if panel is not None and panel.lines] for column in (left, right)]
 
 
 class _View:
-    """Rows of one log with the robot's fields at hand, by name where the log has them."""
+    """Rows of one log, and the panels that every robot has."""
 
     def __init__(self, log, frames):
         self.frames, self.names = frames, frames.dtype.names
         self.estimate_names = list(log.header.get("estimate_names", []))
         self.estimators = estimators(log.header) or ["estimator"]
         self.config = flatten(as_dict(log.config))
-        self.radius_m = self.config.get("model.ball_radius_m")
+
+    def field(self, name: str, index: int | None = None, factor: float = 1.0):
+        """(n,) a scalar field, or one element of another; None where the log has no such field."""
+        if name not in self.names:
+            return None
+        values = self.frames[name]
+        return _finite((values if index is None else values[:, index]) * factor)
 
     def estimate(self, name: str, slot: int = 0, factor: float = 1.0):
-        """(n,) one number of one estimator; NaN where none was engaged."""
-        values = self.frames["estimates"][:, slot, self.estimate_names.index(name)] * factor
-        return _finite(values)
+        """(n,) one number of one estimator."""
+        return _finite(self.frames["estimates"][:, slot, self.estimate_names.index(name)] * factor)
 
     def estimate_lines(self, name: str, factor: float) -> list[Line]:
-        """The estimator in control strongly, shadows thinly below it."""
+        """The estimator in control strongly, shadows thinly below it; nothing where estimates have no such number."""
         if name not in self.estimate_names:
             return []
         shadows = [Line(e, self.estimate(name, i, factor), SERIES[1 + (i - 1) % 4], "solid", 0.9)
                    for i, e in enumerate(self.estimators) if i]  # fmt: skip
         return [*shadows, Line(self.estimators[0], self.estimate(name, 0, factor), BLUE, "solid", 1.8)]
 
-    def field(self, name: str, index: int, factor: float = 1.0):
-        """(n,) one element of a field, None where the log has no such field."""
-        if name not in self.names or self.frames[name].ndim < 2 or index >= self.frames[name].shape[1]:
-            return None
-        return _finite(self.frames[name][:, index] * factor)
-
-    def with_reference(self, lines: list, name: str, index: int, factor: float) -> list[Line]:
-        values = self.field(name, index, factor)
+    @staticmethod
+    def with_reference(lines: list, values) -> list[Line]:
+        """The lines, and a reference above them where there is one."""
         return lines if values is None else [*lines, Line("reference", values, BLACK, "dash", 1.1)]
 
-    def tilt(self) -> list[Panel]:
+    def tilt_panel(self, title: str, attitude: int, estimate: str, reference=None) -> Panel:
+        """The DMP's angle, the estimators' and the reference."""
         tip = self.config.get("limits.tip_rad")
-        bounds = () if tip is None else (-tip * DEGREES, tip * DEGREES)
-        found = []
-        for index, angle in enumerate(("roll", "pitch")):
-            lines = [Line("DMP", self.field("attitude_rad", index, DEGREES), PALE, "solid", 3.6)]
-            lines += self.estimate_lines(f"{angle}_rad", DEGREES)
-            if f"{angle}_rad" in self.estimate_names:
-                lines = self.with_reference(lines, "reference_lean_rad", index, DEGREES)
-            found.append(Panel(angle, "deg", lines, bounds))
-        return found
+        estimates = self.estimate_lines(estimate, DEGREES)
+        look = (PALE, "solid", 3.6) if estimates else (GREY, "solid", 1.3)  # broad where others lie upon it
+        lines = [Line("DMP", self.field("attitude_rad", attitude, DEGREES), *look), *estimates]
+        return Panel(title, "deg", self.with_reference(lines, reference), () if tip is None else (-tip * DEGREES, tip * DEGREES))
+
+    def tilt(self) -> list[Panel]:
+        """Roll and pitch."""
+        return [self.tilt_panel("roll", 0, "roll_rad"), self.tilt_panel("pitch", 1, "pitch_rad")]
 
     def yaw_rate(self) -> Panel:
-        lines = [Line("gyro", self.field("gyro_rad_s", 2, 0.5 / math.pi), PALE, "solid", 3.6)]
+        """Gyro, estimator in control, reference."""
+        lines = [Line("gyro", self.field("gyro_rad_s", 2, TURNS), PALE, "solid", 3.6)]
         if "yaw_rate_rad_s" in self.estimate_names:
-            lines.append(Line(self.estimators[0], self.estimate("yaw_rate_rad_s", 0, 0.5 / math.pi), BLUE, "solid", 1.5))
-        return Panel("yaw rate", "turns/s", self.with_reference(lines, "reference_yaw_rad", 1, 0.5 / math.pi))
+            lines.append(Line(self.estimators[0], self.estimate("yaw_rate_rad_s", 0, TURNS), BLUE, "solid", 1.5))
+        return Panel("yaw rate", "turns/s", self.with_reference(lines, self.field("reference_yaw_rad", 1, TURNS)))
 
     def position(self) -> list[Panel]:
-        """Of the ball, inertial: p = r (angle_y, -angle_x)."""
-        if self.radius_m is None or "ball_angle_y_rad" not in self.estimate_names:
+        """Place over the ground, for robots that know theirs."""
+        return []
+
+    def speed_lines(self) -> list[Line]:
+        """Speed over the ground, likewise."""
+        return []
+
+    def speed(self) -> Panel:
+        """What the remote asks, and what became of it."""
+        return Panel("ground speed", "m/s", [Line("remote", self.remote_speed(), GREY, "dot", 1.4), *self.speed_lines()])
+
+    def remote_speed(self):
+        """(n,) magnitude of the remote's command."""
+        return _finite(np.hypot(*self.frames["remote_velocity_m_s"].T))
+
+    def latency(self) -> Panel | None:
+        """None on virtual time."""
+        stages = events.stage_ns(self.frames)
+        if not stages["edge_to_write"].any():
+            return None
+        lines = [Line("edge to write", stages["edge_to_write"] / 1e6, BLUE), Line("wake", stages["wake"] / 1e6, ORANGE)]
+        return Panel("latency", "ms", lines)
+
+    axes = ()  # names of the body commands
+    friction_by_wheel = False
+
+    def commands(self) -> list[Panel]:
+        """One panel a body axis: what each stage makes of the command."""
+        if "command_feedback" not in self.names:
             return []
+        found = []
+        for i in range(self.frames["command_feedback"].shape[1]):
+            lines = [Line("feedback", self.field("command_feedback", i), BLUE, "solid", 1.5)]
+            if "command_friction" in self.names and not self.friction_by_wheel:
+                lines.append(Line("friction", self.field("command_friction", i), ORANGE))
+            if "command_applied" in self.names:
+                lines.append(Line("applied", self.field("command_applied", i), BLACK, "dash", 1.1))
+            found.append(Panel(f"body command {self.axes[i] if i < len(self.axes) else i + 1}", "of full voltage", lines))
+        return found
+
+    def wheel_commands(self) -> list[Panel]:
+        """What is added by wheel, for robots whose friction is compensated there."""
+        return []
+
+    wheels = ()  # names of the wheels
+
+    def wheel_lines(self, name: str) -> list[Line]:
+        """One line a wheel of a field; of two, which often coincide, the first is broad."""
+        if name not in self.names:
+            return []
+        count = self.frames[name].shape[1]
+        names = self.wheels if len(self.wheels) == count else [f"wheel {i + 1}" for i in range(count)]
+        return [Line(names[i], self.field(name, i), SERIES[i], "solid", 2.8 if count == 2 and not i else 1.2) for i in range(count)]
+
+    def duty(self) -> Panel:
+        """Duty by wheel, with its limit."""
+        limit = self.config.get("limits.duty")
+        return Panel("duty", "of the period", self.wheel_lines("duty"), () if limit is None else (-limit, limit))
+
+    def wheel_rate(self) -> Panel:
+        """Wheels relative to the body."""
+        return Panel("wheel rate", "rad/s", self.wheel_lines("wheel_rate_rad_s"))
+
+    def battery(self) -> Panel:
+        """Voltage, with the least with which the robot is armed."""
+        low = self.config.get("battery.minimum_v")
+        return Panel("battery", "V", [Line("battery", self.field("battery_v"), GREEN, "solid", 1.5)], () if low is None else (low,))
+
+
+class _OnBall(_View):
+    """The MBBR. Estimates have the ball's rates in the yaw-rotated frame, and its inertial angles: place p = r (angle_y, -angle_x)."""
+
+    axes = "xyz"
+
+    def __init__(self, log, frames):
+        super().__init__(log, frames)
+        self.radius_m = self.config.get("model.ball_radius_m", math.nan)
+
+    def tilt(self) -> list[Panel]:
+        """Roll and pitch, with the outer loop's lean."""
+        return [self.tilt_panel(name, i, f"{name}_rad", self.field("reference_lean_rad", i, DEGREES)) for i, name in enumerate(("roll", "pitch"))]
+
+    def position(self) -> list[Panel]:
+        """Of the ball, inertial."""
         lines = []
         for axis, name, index, sign, colour in (("x", "ball_angle_y_rad", 1, 1.0, BLUE), ("y", "ball_angle_x_rad", 0, -1.0, ORANGE)):
             factor = 100.0 * sign * self.radius_m
@@ -188,56 +181,53 @@ class _View:
                 lines.append(Line(f"{axis} reference", reference, colour, "dash", 1.0))
         return [Panel("position", "cm", lines)]
 
-    def speed(self) -> Panel:
-        remote = np.hypot(*self.frames["remote_velocity_m_s"].T)
-        lines = [Line("remote", _finite(remote), GREY, "dot", 1.4)]
-        if self.radius_m is not None and "ball_rate_x_rad_s" in self.estimate_names:
-            rate = np.hypot(self.estimate("ball_rate_x_rad_s"), self.estimate("ball_rate_y_rad_s"))
-            lines.append(Line(self.estimators[0], rate * self.radius_m, BLUE, "solid", 1.5))
-            if "reference_velocity_rad_s" in self.names:
-                reference = np.hypot(*self.frames["reference_velocity_rad_s"].T) * self.radius_m
-                lines.append(Line("reference", _finite(reference), BLACK, "dash", 1.1))
-        return Panel("ground speed", "m/s", lines)
+    def speed_lines(self) -> list[Line]:
+        """Magnitudes: they are the same in every frame."""
+        rate = np.hypot(self.estimate("ball_rate_x_rad_s"), self.estimate("ball_rate_y_rad_s"))
+        reference = None
+        if "reference_velocity_rad_s" in self.names:
+            reference = _finite(np.hypot(*self.frames["reference_velocity_rad_s"].T) * self.radius_m)
+        return self.with_reference([Line(self.estimators[0], rate * self.radius_m, BLUE, "solid", 1.5)], reference)
 
-    def latency(self) -> Panel | None:
-        stages = events.stage_ns(self.frames)
-        if not stages["edge_to_write"].any():
-            return None  # virtual time
-        lines = [Line("edge to write", stages["edge_to_write"] / 1e6, BLUE), Line("wake", stages["wake"] / 1e6, ORANGE)]
-        return Panel("latency", "ms", lines)
 
-    def commands(self) -> list[Panel]:
-        """One panel a body axis: what each stage makes of the command."""
-        if "command_feedback" not in self.names:
-            return []
-        axes = self.frames["command_feedback"].shape[1]
-        found = []
-        for axis in range(axes):
-            lines = [Line("feedback", self.field("command_feedback", axis), BLUE, "solid", 1.5)]
-            friction = self.field("command_friction", axis)
-            if friction is not None:
-                lines.append(Line("friction", friction, ORANGE))
-            applied = self.field("command_applied", axis)
-            if applied is not None:
-                lines.append(Line("applied", applied, BLACK, "dash", 1.1))
-            found.append(Panel(f"body command {AXES.get(axes, '123456')[axis]}", "of full voltage", lines))
-        return found
+class _OnWheels(_View):
+    """The eduMIP. `attitude_rad` begins with the lean about the axle; place is r (phi + pitch)."""
 
-    def wheels(self, name: str, factor: float = 1.0) -> list[Line]:
-        if name not in self.names:
-            return []
-        return [Line(f"wheel {i + 1}", self.field(name, i, factor), SERIES[i]) for i in range(self.frames[name].shape[1])]
+    axes = ("x (forward)", "z (left)")
+    wheels = ("right wheel", "left wheel")
+    friction_by_wheel = True
 
-    def duty(self) -> Panel:
-        limit = self.config.get("limits.duty")
-        return Panel("duty", "of the period", self.wheels("duty"), () if limit is None else (-limit, limit))
+    def __init__(self, log, frames):
+        super().__init__(log, frames)
+        self.radius_m = self.config.get("model.wheel_radius_m", math.nan)
 
-    def wheel_rate(self) -> Panel:
-        return Panel("wheel rate", "rad/s", self.wheels("wheel_rate_rad_s"))
+    def tilt(self) -> list[Panel]:
+        """Lean about the axle with its reference, and what a robot on two wheels should not have."""
+        lean = self.tilt_panel("lean, forward", 0, "pitch_rad", self.field("reference_lean_rad", None, DEGREES))
+        return [lean, self.tilt_panel("tilt, sideways", 1, "")]
 
-    def battery(self) -> Panel:
-        low = self.config.get("battery.minimum_v")
-        return Panel("battery", "V", [Line("battery", _finite(self.frames["battery_v"]), GREEN, "solid", 1.5)], () if low is None else (low,))
+    def rolled(self, suffix: str, factor: float):
+        """(n,) phi + pitch of the estimator in control, or their rates."""
+        return self.estimate(f"phi_{suffix}", 0, factor) + self.estimate(f"pitch_{suffix}", 0, factor)
+
+    def position(self) -> list[Panel]:
+        """Way along the path."""
+        factor = 100.0 * self.radius_m
+        line = Line(self.estimators[0], self.rolled("rad", factor), BLUE, "solid", 1.5)
+        return [Panel("way", "cm", self.with_reference([line], self.field("reference_angle_rad", None, factor)))]
+
+    def speed_lines(self) -> list[Line]:
+        """Forward speed, signed."""
+        line = Line(self.estimators[0], self.rolled("rate_rad_s", self.radius_m), BLUE, "solid", 1.5)
+        return self.with_reference([line], self.field("reference_velocity_rad_s", None, self.radius_m))
+
+    def remote_speed(self):
+        """Forward only: the robot cannot go sideways."""
+        return self.field("remote_velocity_m_s", 0)
+
+    def wheel_commands(self) -> list[Panel]:
+        """Friction compensation by wheel."""
+        return [Panel("friction compensation", "of full voltage", self.wheel_lines("command_friction"))]
 
 
 def _finite(values) -> np.ndarray:
@@ -245,66 +235,3 @@ def _finite(values) -> np.ndarray:
     values = np.array(values, float)
     values[~np.isfinite(values)] = np.nan
     return values
-
-
-# -- bands -------------------------------------------------------------------------------------------------------------
-def bands(frames, times_s) -> list[Band]:
-    """States, then missed ticks, IMU troubles and limits that occur in the rows."""
-    step_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.005
-    states = frames["state"]
-    edges = [0, *(np.flatnonzero(states[1:] != states[:-1]) + 1).tolist(), len(states)]
-    spans = [
-        (float(times_s[a]), float(times_s[b - 1]) + step_s, events.state_name(states[a]), STATE_COLOURS.get(int(states[a]), GREY))
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
-    ]
-    found = [Band("state", spans)]
-    for label, mask in _conditions(frames):
-        found.append(Band(label, [(a, b, label, VERMILLION) for a, b in _runs(mask, times_s, step_s)]))
-    return found
-
-
-def _conditions(frames):
-    if frames["missed"].any():
-        yield "missed ticks", frames["missed"] > 0
-    for name in events.imu_troubles(frames):
-        yield f"IMU {name}", frames["imu_status"] & events.IMU_BITS[name] != 0
-    for name, entry in events.limits(frames).items():
-        yield name, frames["limits"] & entry["bit"] != 0
-
-
-def _runs(mask, times_s, step_s: float) -> list[tuple]:
-    """(begin, end) of each run of True."""
-    padded = np.concatenate(([False], mask, [False]))
-    edges = np.flatnonzero(padded[1:] != padded[:-1])
-    return [(float(times_s[a]), float(times_s[b - 1]) + step_s) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-# -- fewer points --------------------------------------------------------------------------------------------------------
-def decimated(times_s, values, bins: int):
-    """At most 2 `bins` points and the gaps between them: the lowest and the highest of each bin in their order, so that every spike survives.
-
-    A NaN interrupts the line, also where rows are missing for more than SILENCE_TICKS ticks.
-    """
-    if len(times_s) > 2 * bins:
-        size = -(-len(times_s) // bins)
-        full = len(times_s) // size * size
-        rows = _extremes(values[:full].reshape(-1, size)) + np.arange(0, full, size)[:, None]
-        rest = np.arange(full, len(times_s))
-        if len(rest):
-            rows = np.concatenate((rows, _extremes(values[None, full:]) + full))
-        rows = np.unique(rows)
-        step_s = size * float(np.median(np.diff(times_s)))
-    else:
-        rows = np.arange(len(times_s))
-        step_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 0.005
-    times, kept = times_s[rows], values[rows]
-    breaks = np.flatnonzero(np.diff(times) > SILENCE_TICKS * step_s) + 1
-    return np.insert(times, breaks, times[breaks]), np.insert(kept, breaks, np.nan)
-
-
-def _extremes(table):
-    """(rows, 2) indices of the lowest and the highest number of each row of a table; NaN counts as neither."""
-    missing = np.isnan(table)
-    low = np.argmin(np.where(missing, np.inf, table), axis=1)
-    high = np.argmax(np.where(missing, -np.inf, table), axis=1)
-    return np.stack((low, high), axis=1)

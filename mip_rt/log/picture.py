@@ -1,7 +1,8 @@
 """A page as a PNG, by matplotlib."""
 
 from mip_rt import optional
-from mip_rt.log.panels import GREY, VERMILLION, Page, decimated
+from mip_rt.log.decimation import decimated
+from mip_rt.log.page import GREY, VERMILLION, Page
 
 BINS = 1200  # more than a panel has dots
 STYLES = {"solid": "-", "dash": (0, (4, 2)), "dot": (0, (1, 1.5))}

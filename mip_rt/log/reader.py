@@ -8,8 +8,9 @@ import numpy as np
 from mip_rt.errors import LogError
 from mip_rt.log import recording_reader, ring_reader
 from mip_rt.log.block_format import SUFFIX
-from mip_rt.log.log_data import Log
+from mip_rt.log.log_data import Log, without_header
 from mip_rt.log.recording_files import number_of, recorded_files
+from mip_rt.log.ring_format import PAGE
 
 CURE = "Name a .ring or .miplog file, or the folder that the run's summary printed."
 
@@ -32,6 +33,8 @@ def open_log(path, check: bool = True) -> Log:
         return ring_reader.read_ring(path, data, check)
     if recording_reader.is_recording(data):
         return recording_reader.read_recording(path, [(path.name, data)])
+    if path.suffix in (SUFFIX, ".ring") and data[:PAGE].count(0) == len(data[:PAGE]):
+        return without_header(path, f"{path.name} is empty or filled with zeros: its start never reached the disk")
     raise LogError(f"{path} is not a mip-rt log.", CURE, "log_magic")
 
 
@@ -59,9 +62,9 @@ def _open_folder(folder: Path, check: bool) -> Log:
         recorded.damage += _missing_files(files)
     for path in reversed(rings):
         ring = open_log(path, check)
-        if recorded is None:
+        if recorded is None or not recorded.header:
             return ring
-        if ring.header.get("run") == recorded.header.get("run") and ring.header:
+        if ring.header.get("run") == recorded.header.get("run"):
             return _joined(recorded, ring)
     if recorded is None:
         raise LogError(f"there is no log in {folder}.", CURE, "log_magic")

@@ -5,6 +5,7 @@ backlog grow; rows that the ring had to overwrite meanwhile are counted. When th
 ends. Everything it knows stands in the ring's status page and, twice a second, in the log itself.
 """
 
+import contextlib
 import os
 import signal
 import sys
@@ -18,8 +19,8 @@ from mip_rt.log.recording_files import AppendFile, make_room, number_of, recorde
 from mip_rt.log.ring_format import Counter, Status
 from mip_rt.log.ring_source import RingSource
 
-POLL_S = 0.05
-BLOCK_ROWS = 200  # most rows in a block: 1 s
+POLL_S, BUSY_POLL_S = 0.05, 0.005  # between looks at the ring; where a block has come since the last one
+BLOCK_ROWS = 200  # most rows in a block: 1 s; fewer where the ring is small
 BLOCKS_AT_ONCE = 10  # after a backlog, before it looks at anything else
 RETRY_S = 1.0  # after the disk refused
 GIVE_UP_S = 5.0  # the loop has ended and the disk still refuses
@@ -42,18 +43,19 @@ class Recorder:
         self.status = [0] * len(Status)
         self.status[Status.PROCESS] = os.getpid()
         self.position = 0  # next tick to read
+        self._block_rows = max(1, min(BLOCK_ROWS, self.source.rows // 8))
         self._file = None
         self._pending = []  # blocks that the disk has not taken yet
         self._sequence = self._blocks_in_file = self._next_state = self._faults_seen = 0
         self._fault_files = []
-        self._next_flush = self._retry_at = self._synced_at = time.monotonic()
+        self._next_flush = self._retry_at = time.monotonic()
         self._unsynced = False
 
     def run(self) -> None:
         """Until the loop has ended and everything is written, or the disk refuses for too long after that."""
         writer, ended_at = self.source.counters()[Counter.WRITER], None
         while True:
-            counters = self.source.counters()
+            counters, before = self.source.counters(), self.position
             ended = bool(counters[Counter.FINISHED]) or os.getppid() != writer
             now = time.monotonic()
             if ended and ended_at is None:
@@ -70,8 +72,9 @@ class Recorder:
             if ended and (idle or now - ended_at > GIVE_UP_S):
                 break
             self._publish()
-            if self.source.committed() - self.position < BLOCK_ROWS:
-                time.sleep(POLL_S)
+            moved = self.position - before
+            if moved < BLOCKS_AT_ONCE * self._block_rows:
+                time.sleep(BUSY_POLL_S if moved >= self._block_rows or self._fault_files else POLL_S)
         self._finish("the loop has ended" if counters[Counter.FINISHED] else "the loop's process died")
 
     def _drain(self, now: float, ended: bool) -> None:
@@ -81,17 +84,16 @@ class Recorder:
         try:
             self._write_pending()
             for _ in range(BLOCKS_AT_ONCE):
-                if self.source.committed() - self.position < BLOCK_ROWS:
+                if self.source.committed() - self.position < self._block_rows:
                     break
-                self._read_block(BLOCK_ROWS)
+                self._read_block()
                 self._write_pending()
                 self._publish()
             if now >= self._next_flush or ended:
                 self._next_flush = now + self.settings["flush_s"]
-                while self.position < self.source.committed():
-                    self._read_block(BLOCK_ROWS)
+                self._read_block()
                 self._read_states()
-                if self._pending:
+                if self._pending or self._unsynced:
                     self._pack_json(Kind.STATUS, self.report())
                 self._write_pending()
                 self._sync()
@@ -99,12 +101,12 @@ class Recorder:
             self.refused(error)
             self._retry_at = now + RETRY_S
 
-    def _read_block(self, most: int) -> None:
+    def _read_block(self) -> None:
         first, oldest = self.position, self.source.oldest()
         if first < oldest:
             first = min(oldest + MARGIN, self.source.committed())
             self.status[Status.DROPPED] += first - self.position
-        last = min(first + most, self.source.committed())
+        last = min(first + self._block_rows, self.source.committed())
         payload, whole, self.position = self.source.take(first, last) if last > first else (b"", 0, first)
         self.status[Status.TORN] += self.position - first - whole
         if whole:
@@ -218,15 +220,14 @@ def be_unimportant() -> None:
     """Ordinary scheduling whatever was inherited, nice 10, disk only when nobody else wants it, and first to go when memory is short."""
     import ctypes
 
-    os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(10)
     ioprio_set = {"x86_64": 251, "aarch64": 30, "armv7l": 314, "i686": 289, "riscv64": 30}.get(os.uname().machine)
     if ioprio_set is not None:
         ctypes.CDLL(None).syscall(ioprio_set, 1, 0, 3 << 13)  # IOPRIO_WHO_PROCESS, this one, IOPRIO_CLASS_IDLE
-    try:
+    with contextlib.suppress(OSError):
         Path("/proc/self/oom_score_adj").write_text("500")
-    except OSError:
-        pass
 
 
 def main(ring: str) -> None:

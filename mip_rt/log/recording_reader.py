@@ -1,6 +1,5 @@
 """Reading recorded files: every block whose checksum is right, in the order in which they were written."""
 
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +7,7 @@ import numpy as np
 from mip_rt.log import block_format
 from mip_rt.log.block_format import BLOCK, MAGIC, Kind
 from mip_rt.log.log_data import Log, record_type, without_header
+from mip_rt.log.migrations import migrate
 
 NAMED_GAPS = 20  # more gaps between ticks are only counted
 
@@ -23,6 +23,9 @@ def read_recording(path: Path, files: list[tuple[str, object]]) -> Log:
     Args:
         path: what was opened.
         files: (name, mapped bytes) of each.
+
+    Raises:
+        LogError: a later version wrote them.
     """
     damage, whole = [], []
     for name, data in files:
@@ -32,6 +35,7 @@ def read_recording(path: Path, files: list[tuple[str, object]]) -> Log:
     header = next((block.json() for block in whole if block.kind == Kind.HEADER), None)
     if header is None:
         return without_header(path, f"{path} has no whole header: nothing can be read")
+    header = migrate(header, path)
     whole = [block for block in whole if block.kind != Kind.HEADER]
     end = next((block.json() for block in reversed(whole) if block.kind == Kind.END), {})
     if not whole or whole[-1].kind != Kind.END:
@@ -73,7 +77,12 @@ def _frames(blocks, dtype, damage: list):
         view[at : at + block.rows] = raw.reshape(shape).T if block.columns else raw.reshape(shape[::-1])
         at += block.rows
     order = np.argsort(frames["tick"], kind="stable")
-    return frames if (np.diff(order) == 1).all() else frames[order]
+    frames = frames if (np.diff(order) == 1).all() else frames[order]
+    twice = np.flatnonzero(np.diff(frames["tick"]) == 0) + 1
+    if len(twice):
+        damage.append(f"{len(twice)} rows are there twice")
+        frames = np.delete(frames, twice)
+    return frames
 
 
 def gaps(tick) -> list[str]:

@@ -7,9 +7,10 @@ asserted and the differences are shown.
 
 import json
 import math
-import sys
 import time
 from pathlib import Path
+
+from mip_rt.log.selection import add_log, find
 
 PROGRESS_FROM = 100_000  # rows: shorter replays are over before a bar could be read
 LISTED = 12  # differing fields that are printed without --compare
@@ -17,13 +18,13 @@ LISTED = 12  # differing fields that are printed without --compare
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("log", metavar="LOG", help="ring file, recorder file, or folder of them")
+    add_log(parser)
     parser.add_argument("--force", action="store_true", help="changed code: assert nothing, show how much each field differs")
     changes = parser.add_argument_group(
         "what would it have done",
-        "These change the robot and assert nothing. Sensors and remote are the recorded ones, and the estimators are told the recorded "
-        "command, since that is what moved the robot: what comes out is how the changed estimators would have seen this run, and what the "
-        "changed controller would have asked for at each of its moments; not how the robot would have moved.",
+        "These change the robot and assert nothing. Sensors and remote are the recorded ones, and the estimators are told the\n"
+        "recorded command, since that is what moved the robot: what comes out is how the changed estimators would have seen\n"
+        "this run, and what the changed controller would have asked for at each of its moments; not how the robot would have moved.",
     )
     changes.add_argument("--config", metavar="FILE", help="this configuration in place of the log's")
     changes.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change one value of the configuration; repeatable")
@@ -50,7 +51,7 @@ def run(arguments) -> int:
     from mip_rt.log.comparison_plot import Traces, draw
     from mip_rt.log.rerun import Rerun
 
-    log = logs.open(arguments.log, check=False)  # a damaged row is replayed, too: the replay says which field is wrong
+    log = logs.open(find(arguments.path), check=False)  # a damaged row is replayed, too: the replay says which field is wrong
     config, overrides = _changes(arguments, log)
     asserted = not (arguments.force or config or overrides)
     rerun = Rerun(log, overrides, config, asserted, (arguments.begin, arguments.end))
@@ -74,7 +75,7 @@ def _changes(arguments, log):
     shadows = arguments.shadow
     if arguments.estimator:
         overrides["estimator.control"] = arguments.estimator
-        shadows = shadows or [name for name in log.header["estimators"] if name != arguments.estimator]
+        shadows = shadows or [name for name in log.header.get("estimators", ()) if name != arguments.estimator]
     if shadows:
         overrides["estimator.shadows"] = f"[{', '.join(shadows)}]"
     return (configuration.load(arguments.config, overrides) if arguments.config else None), overrides
@@ -174,6 +175,8 @@ def _report(rerun, comparison, asserted: bool, seconds: float, columns: bool) ->
 
 
 def _columns(rerun, comparison, name):
+    from mip_rt.log.columns import unit_of
+
     column = comparison.columns[name]
     unit = next(f.unit for f in rerun.layout.fields if f.name == name)
     for i in range(len(column.largest)):
@@ -182,7 +185,7 @@ def _columns(rerun, comparison, name):
         recorded, replayed, gap = (math.sqrt(total / column.rows) for total in column.squares[:, i])
         yield {
             "column": label(rerun, name, i),
-            "unit": unit,
+            "unit": unit_of(label(rerun, name, i), unit),
             "rms_recorded": recorded,
             "rms_replayed": replayed,
             "rms_difference": gap,
@@ -229,9 +232,9 @@ def _differences(report: dict):
         if report["state_rows_differing"]:
             yield f"NOT EQUAL: the state after tick {report['state_rows_differing'][0]} is not that of the log's state row"
     if "columns" in report:
-        yield f"{'column':<40} {'unit':<18} {'rms recorded':>13} {'rms replayed':>13} {'rms diff.':>11} {'largest':>11}  at tick"
+        yield f"{'column':<40} {'unit':<10} {'rms recorded':>13} {'rms replayed':>13} {'rms diff.':>11} {'largest':>11}  at tick"
         for c in report["columns"]:
-            yield (f"{c['column']:<40} {c['unit'][:18]:<18} {c['rms_recorded']:>13.6g} {c['rms_replayed']:>13.6g} {c['rms_difference']:>11.3g} "
+            yield (f"{c['column']:<40} {c['unit'][:10]:<10} {c['rms_recorded']:>13.6g} {c['rms_replayed']:>13.6g} {c['rms_difference']:>11.3g} "
                    f"{float(c['largest_difference']):>11.3g}  {c['at_tick']}")  # fmt: skip
         return
     for name in list(fields)[:LISTED]:

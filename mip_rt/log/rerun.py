@@ -12,6 +12,7 @@ import numpy as np
 from mip_rt import compiled, robots
 from mip_rt import config as configuration
 from mip_rt.errors import ConfigError, LogError
+from mip_rt.log.selection import seconds
 
 BATCH = 4096  # rows replayed at a time
 
@@ -49,6 +50,7 @@ class Rerun:
         other_machine: {item: (recorded, here)} of what makes this another type of machine; empty on the same.
         other_sources: True where the log was written by other sources.
         missing: fields that this program's step reads and the log does not have; zero is taken.
+        states: {tick: state row} of those that fit; times_s: (rows of the log,) seconds since the loop's first tick.
         spans: list of Span.
         cold_ticks: first ticks of spans that begin with a fresh state although the log does not.
         skipped: rows between the wanted limits that cannot be replayed.
@@ -61,7 +63,8 @@ class Rerun:
     def __init__(self, log, overrides=None, config=None, asserted: bool = True, limits=(None, None)):
         header, frames = log.header, log.frames
         if not len(frames):
-            raise LogError(f"{log.path} holds no complete tick.", "Name another log.", "replay_empty")
+            damage = "".join(f" {sentence}." for sentence in log.damage)
+            raise LogError(f"{log.path} holds no complete tick.{damage}", "Name another log.", "replay_empty")
         self.log = log
         if config is None:
             config = configuration.loads(log.config, f"the configuration in {log.path}", overrides)
@@ -70,15 +73,18 @@ class Rerun:
         self._own_slots = [self.recorded_names.index(name) if name in self.recorded_names else None for name in self.names]
         self.layout = self.robot.layout
         self.dt_s = 1.0 / config.realtime.rate_hz
-        here, there = compiled.machine_type(), header.get("machine_type", {})
-        self.other_machine = {item: (there.get(item), value) for item, value in here.items() if there.get(item) != value}
+        here, there = compiled.machine_type(), header.get("machine_type")
+        if there is None:
+            self.other_machine = {"machine": ("unknown", here["machine"])}
+        else:
+            self.other_machine = {item: (there.get(item), value) for item, value in here.items() if there.get(item) != value}
         self.other_sources = header.get("source_hash") != compiled.source_hash()
         self.recorded_command = bool(self.other_machine) or not asserted
         self._check_layout()
         self._fresh = self.robot.persistence.present()
         fits = header.get("state_layout") == self.robot.persistence.layout
         self.states = log.states if fits else {}
-        self.times_s = times_s(frames, self.dt_s)
+        self.times_s = seconds(log)
         self.first, self.last = self._rows(limits)
         self.cold_ticks, self.skipped, self.spans = [], 0, []
         self._find_spans(not asserted)
@@ -196,11 +202,6 @@ class Rerun:
         return before
 
 
-def times_s(frames, dt_s: float):
-    """(n,) seconds since the loop's first tick, by the IMU's edges; where the log begins later, its first tick tells how much."""
-    return (frames["edge_ns"] - frames["edge_ns"][0]) * 1e-9 + int(frames["tick"][0]) * dt_s
-
-
 def tick_of(text: str, ticks, times_s) -> int:
     """The tick that `--from` or `--to` names: t1200 is a tick, a plain number is seconds since the loop's first tick.
 
@@ -210,9 +211,9 @@ def tick_of(text: str, ticks, times_s) -> int:
     try:
         if text.startswith("t"):
             return int(text[1:])
-        seconds = float(text)
-        if math.isfinite(seconds):
-            row = int(np.searchsorted(times_s, seconds - 1e-9))
+        time_s = float(text)
+        if math.isfinite(time_s):
+            row = int(np.searchsorted(times_s, time_s - 1e-9))
             return int(ticks[row]) if row < len(ticks) else int(ticks[-1]) + 1
     except ValueError:
         pass

@@ -29,7 +29,7 @@ class Ring:
         path: the file; its folder is made where it is missing.
         dtype: of a row, with fields `sequence` and `tick`.
         rows: how many it holds.
-        description: see `description.header`; `state_bytes` is added.
+        description: see `description.header`; `log_version` and `state_bytes` are added.
         state_bytes: bytes of one kept state; 0 for none.
         state_rows: how many of those it holds; enough for all rows by default.
 
@@ -46,9 +46,8 @@ class Ring:
     def __init__(self, path: Path, dtype: np.dtype, rows: int, description: dict, state_bytes: int = 0, state_rows: int | None = None):
         if state_rows is None:
             state_rows = rows // STATE_EVERY + 2
-        text, geometry = ring_format.pack_header(
-            {**description, "state_bytes": state_bytes}, rows, dtype.itemsize, state_rows if state_bytes else 0, state_bytes
-        )
+        description = {**description, "log_version": ring_format.VERSION, "state_bytes": state_bytes}
+        text, geometry = ring_format.pack_header(description, rows, dtype.itemsize, state_rows if state_bytes else 0, state_bytes)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.unlink(missing_ok=True)  # whoever has an older file of this name mapped keeps it whole

@@ -47,7 +47,7 @@ class Status(IntEnum):
     NEEDED = 2  # oldest tick that it still has to read: the loop may wait here where time is virtual
     RECORDED = 3  # rows written to disk
     DROPPED = 4  # rows that were overwritten in the ring before they were read, or left over when the recorder gave up
-    TORN = 5  # committed rows that were not whole
+    TORN = 5  # committed rows that were not whole, or were overwritten while they were read
     BACKLOG = 6  # rows that were waiting at the last look
     BACKLOG_MAX = 7
     STATES = 8

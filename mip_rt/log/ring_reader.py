@@ -10,6 +10,7 @@ import numpy as np
 from mip_rt.errors import LogError
 from mip_rt.log import ring_format
 from mip_rt.log.log_data import Log, record_type, without_header
+from mip_rt.log.migrations import migrate
 from mip_rt.log.ring_format import HEADER_LIMIT, MAGIC, PAGE, STATE_MARK, START
 
 SEAL = np.dtype([("sequence", "<i8"), ("check", "<u4"), ("inverted", "<u4")])
@@ -25,20 +26,43 @@ def read_ring(path: Path, data, check: bool) -> Log:
     """Reads a ring of any version.
 
     Raises:
-        LogError: it is of a version that this program does not know.
+        LogError: it is of a later version, or of version 1 with a damaged header.
     """
     version = START.unpack_from(data)[1] if len(data) >= START.size and data[: len(MAGIC)] == MAGIC else 0
-    if version in VERSIONS:
-        log = VERSIONS[version](path, data, check)
-        if log.header or version == ring_format.VERSION:
-            return log
-    if _header_at_the_end(data) is not None:
-        return _read_version_2(path, data, check)
-    if version > ring_format.VERSION and version < NO_VERSION:
+    if version == 1:
+        return _read_version_1(path, data)
+    found, damage = ring_format.unpack_header(data), []
+    if found is None:
+        found = _header_at_the_end(data)
+        damage.append("the header is damaged, its copy at the end was used")
+    if found is None and ring_format.VERSION < version < NO_VERSION:
         raise LogError(
             f"{path} is of log version {version}, this program reads up to {ring_format.VERSION}.", "Use a newer mip-rt.", "log_version"
         )
-    return without_header(path, "the header is damaged: nothing can be read")
+    if found is None:
+        return without_header(path, "the header is damaged, and so is its copy at the end: nothing can be read")
+    geometry, description = found
+    frames = _rows(data, record_type(description), geometry.rows_at, geometry.rows, geometry.size, damage)
+    seals = _seals(data, geometry)
+    frames = _matching(frames, (frames["sequence"] - 1) % geometry.rows, seals, check, damage)
+    return Log(path, migrate(description, path), frames, damage, _states(data, geometry, seals, check, damage))
+
+
+VERSION_1 = struct.Struct("<8sIIQQQ")  # magic, version, JSON bytes, offset of the counter, offset of the rows, number of rows
+
+
+def _read_version_1(path: Path, data) -> Log:
+    """Version 1 had header, counter and rows, without checksums and kept states."""
+    _, _, text_bytes, _, rows_at, rows = VERSION_1.unpack_from(data[: VERSION_1.size].ljust(VERSION_1.size, b"\xff"))
+    if len(data) < VERSION_1.size + text_bytes:
+        return without_header(path, "the file ends within its header: nothing can be read")
+    try:
+        description = migrate(json.loads(data[VERSION_1.size : VERSION_1.size + text_bytes]), path)
+        dtype = record_type(description)
+        frames = _rows(data, dtype, rows_at, rows, rows_at + rows * dtype.itemsize, damage := [])
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, MemoryError) as error:  # nothing protects this header
+        raise LogError(f"the header of {path} is damaged: {error}.", code="log_header") from error
+    return Log(path, description, frames, damage)
 
 
 def _header_at_the_end(data):
@@ -48,44 +72,6 @@ def _header_at_the_end(data):
         if found:
             return found
     return None
-
-
-def _read_version_2(path: Path, data, check: bool) -> Log:
-    damage = []
-    found = ring_format.unpack_header(data)
-    if found is None:
-        found = _header_at_the_end(data)
-        if found is None:
-            return without_header(path, "the header is damaged, and its copy at the end too: nothing can be read")
-        damage.append("the header is damaged, its copy at the end was used")
-    geometry, description = found
-    frames = _rows(data, record_type(description), geometry.rows_at, geometry.rows, geometry.size, damage)
-    seals = _seals(data, geometry)
-    frames = _matching(frames, (frames["sequence"] - 1) % geometry.rows, seals, check, damage)
-    return Log(path, description, frames, damage, _states(data, geometry, seals, check, damage))
-
-
-VERSION_1 = struct.Struct("<8sIIQQQ")  # magic, version, JSON bytes, offset of the counter, offset of the rows, number of rows
-
-
-def _read_version_1(path: Path, data, check: bool) -> Log:
-    """Version 1 had header, counter and rows, without checksums, kept states, field offsets and names of codes."""
-    if len(data) < VERSION_1.size:
-        return without_header(path, "the file ends within its header")
-    _, _, text_bytes, _, rows_at, rows = VERSION_1.unpack_from(data)
-    try:
-        description = json.loads(data[VERSION_1.size : VERSION_1.size + text_bytes])
-        dtype = record_type(description)
-    except (ValueError, KeyError, TypeError) as error:
-        return without_header(path, f"the header is damaged: {error}")
-    damage = []
-    frames = _rows(data, dtype, rows_at, rows, rows_at + rows * dtype.itemsize, damage)
-    for field in description["fields"]:
-        field["offset"] = dtype.fields[field["name"]][1]
-    return Log(path, {"state_bytes": 0, "codes": {}, **description}, frames, damage)
-
-
-VERSIONS = {1: _read_version_1, 2: _read_version_2}
 
 
 def _rows(data, dtype, at: int, rows: int, size: int, damage: list):

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from mip_rt.errors import ConfigError, LogError
+from mip_rt.errors import LogError
 
 
 def add_log(parser) -> None:
     """Declares the log's argument."""
-    parser.add_argument("path", nargs="?", metavar="LOG", help="ring, recorder file or folder (default: the newest log of this machine)")
+    parser.add_argument("path", nargs="?", metavar="LOG", help="ring, recorded file, or folder of a run or of runs (default: the newest log of this machine)")
 
 
 def add_window(parser) -> None:
@@ -17,34 +17,30 @@ def add_window(parser) -> None:
     parser.add_argument("--last", dest="last_s", metavar="S", type=float, help="the last S seconds of the log")
 
 
-def usual_folders() -> list[Path]:
-    """Where rings are: the configuration's folder, and that of dry runs."""
-    from mip_rt import config as configuration
-    from mip_rt.log.folders import temporary_log_folder
-
-    folders = [temporary_log_folder()]
-    try:
-        folders.insert(0, Path(configuration.load(configuration.default_path("mbbr")).log.folder))
-    except ConfigError:
-        pass  # a broken configuration must not keep anyone from a log
-    return folders
-
-
 def find(path) -> Path:
-    """The log that was named, or the newest of the usual places.
+    """The log that was named, or the newest of the usual places: what its recorder wrote where there is that, else the ring.
 
     Raises:
         LogError: none was named and there is none.
     """
     if path is not None:
         return Path(path)
-    from mip_rt.log.live import newest_ring
+    from mip_rt.log import folders
+    from mip_rt.log.live import LiveRing, newest_ring
+    from mip_rt.log.recording_files import recorded_files
 
-    found = newest_ring(usual_folders())
-    if found is None:
-        places = " or ".join(map(str, usual_folders()))
+    ring = newest_ring(folders.usual_folders())
+    if ring is not None:
+        with LiveRing(ring) as live:
+            recording = live.header.get("recording") or {}
+        run = Path(recording.get("folder", ""), recording.get("run_folder", ""))
+        return run if recording and any(run.glob("*")) else ring
+    kept = folders.usual_record_folder()
+    recorded = recorded_files(kept) if kept is not None and kept.is_dir() else []
+    if not recorded:
+        places = " or ".join(str(p) for p in [*folders.usual_folders(), kept] if p is not None)
         raise LogError(f"there is no log in {places}.", "Name a log, or run mip-rt --dry-run first.", "log_absent")
-    return found
+    return recorded[-1].parent
 
 
 def open_named(arguments):

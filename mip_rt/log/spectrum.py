@@ -37,12 +37,14 @@ def add_arguments(parser) -> None:
 
 def run(arguments) -> int:
     """Exit code 0."""
+    from mip_rt.log.codes import Codes
+
     output = Path(arguments.output) if arguments.output else None
     if output is not None and output.suffix != ".png":
         raise LogError(f"a spectrum cannot be plotted as {output.name!r}.", "End the file's name in .png.", "log_plot")
     log = open_named(arguments)
     mask = window(arguments, seconds(log))
-    rows = log.frames[mask] if arguments.all else balancing(log.frames[mask])
+    rows = log.frames[mask] if arguments.all else balancing(log.frames[mask], Codes(log.header))
     found = spectra(log, rows, arguments.fields, arguments.segment)
     if output is not None:
         draw(found, f"{log.path.name}: {found['span_s']:.1f} s", output)
@@ -55,7 +57,7 @@ def run(arguments) -> int:
     return 0
 
 
-def balancing(frames):
+def balancing(frames, codes):
     """The longest stretch without a gap in which the robot balances, with its controller engaged.
 
     Raises:
@@ -64,9 +66,8 @@ def balancing(frames):
     import numpy as np
 
     from mip_rt import frame
-    from mip_rt.supervisor import State
 
-    held = (frames["state"] == State.BALANCING) & (frames["request"] & frame.REQUEST_ENGAGED != 0)
+    held = (frames["state"] == codes.balancing_state) & (frames["request"] & frame.REQUEST_ENGAGED != 0)
     begins = np.flatnonzero(held & ~np.concatenate(([False], held[:-1] & (np.diff(frames["tick"]) == 1))))
     ends = np.flatnonzero(held & ~np.concatenate((held[1:] & (np.diff(frames["tick"]) == 1), [False])))
     if not len(begins):
@@ -234,7 +235,7 @@ def draw(found: dict, heading: str, output) -> None:
         PackageMissing: there is no matplotlib.
         LogError: the file cannot be written.
     """
-    from mip_rt.log.panels import BLUE, ORANGE
+    from mip_rt.log.page import BLUE, ORANGE
     from mip_rt.log.picture import figure, save
 
     count = len(found["fields"])
@@ -264,7 +265,7 @@ def draw(found: dict, heading: str, output) -> None:
 
 def _label_lines(panel, entry: dict) -> None:
     """Frequencies at the strongest lines, where they do not cover each other."""
-    from mip_rt.log.panels import BLACK, VERMILLION
+    from mip_rt.log.page import BLACK, VERMILLION
 
     labelled = []
     for line in entry["lines"]:

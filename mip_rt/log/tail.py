@@ -6,7 +6,7 @@ import sys
 import time
 
 from mip_rt.errors import LogError
-from mip_rt.log.selection import usual_folders
+from mip_rt.log.folders import usual_folders
 
 SILENT_S = 1.0  # without a row for so long, the loop has stopped
 EVERY_ROW_S = 0.05  # between looks at the ring where every row is wanted
@@ -38,11 +38,13 @@ def run(arguments) -> int:
 
 
 def _tail(live, arguments) -> None:
+    import numpy as np
+
     printer = None
     runs = lines = 0
     told_silent = False
     next_s = time.monotonic()
-    while arguments.lines is None or lines < arguments.lines:
+    while True:
         rows = live.arrived()
         if live.runs != runs:
             runs = live.runs
@@ -51,12 +53,11 @@ def _tail(live, arguments) -> None:
                 print(f"{live.path}: {printer.head}", file=sys.stderr)
         if len(rows):
             told_silent = False
-            for row in range(0 if arguments.every else len(rows) - 1, len(rows)):
-                print(printer.line(rows[row : row + 1]))
+            for part in np.array_split(rows, len(rows)) if arguments.every else [rows]:
+                print(printer.line(part), flush=True)
                 lines += 1
                 if lines == arguments.lines:
-                    break
-            sys.stdout.flush()
+                    return
         elif live.finished or live.quiet_s > SILENT_S:
             if not told_silent:
                 print(_why_silent(live), file=sys.stderr)
@@ -79,10 +80,11 @@ class _Printer:
     """Lines of one run."""
 
     def __init__(self, live, fields: str | None, as_json: bool):
+        from mip_rt.log.codes import Codes
         from mip_rt.log.columns import pick_groups
         from mip_rt.log.configuration import value
 
-        self.header, self.as_json = live.header, as_json
+        self.codes, self.as_json = Codes(live.header), as_json
         self.columns = [c for group in pick_groups(live.header, fields) for c in group] if fields else None
         rate_hz = float(value(live.header.get("config", ""), "realtime.rate_hz", 200.0))
         rows = live.since(0)
@@ -93,16 +95,18 @@ class _Printer:
         """Names and units of the columns."""
         return "time_s (s) " + " ".join(c.title for c in self.columns) if self.columns else "newest row"
 
-    def line(self, row) -> str:
-        """One row, an array of one record, as text or JSON."""
+    def line(self, rows) -> str:
+        """The newest of some rows as text or JSON; what is slowest, missed or limited is that of all of them."""
+        newest = rows[-1:]
         if self.origin_ns is None:
-            self.origin_ns = int(row["edge_ns"][0])
-        time_s = round((int(row["edge_ns"][0]) - self.origin_ns) * 1e-9, 6)
+            self.origin_ns = int(newest["edge_ns"][0])
+        time_s = round((int(newest["edge_ns"][0]) - self.origin_ns) * 1e-9, 6)
         if self.columns is None:
-            return json.dumps(_usual(row[0], time_s)) if self.as_json else _usual_text(row[0], time_s)
-        values = {c.name: c.of(row)[0].tobytes().hex() if c.is_bytes else c.of(row)[0].item() for c in self.columns}
+            usual = _usual(rows, time_s, self.codes)
+            return json.dumps(usual) if self.as_json else _usual_text(usual)
+        values = {c.name: c.of(newest)[0].tobytes().hex() if c.is_bytes else c.of(newest)[0].item() for c in self.columns}
         if self.as_json:
-            return json.dumps({"tick": int(row["tick"][0]), "time_s": time_s, **{n: _json(v) for n, v in values.items()}})
+            return json.dumps({"tick": int(newest["tick"][0]), "time_s": time_s, **{n: _json(v) for n, v in values.items()}})
         return f"{time_s:.3f} " + " ".join(v if isinstance(v, str) else f"{v:.6g}" if isinstance(v, float) else str(v) for v in values.values())
 
 
@@ -110,31 +114,29 @@ def _json(value):
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _usual(row, time_s: float) -> dict:
+def _usual(rows, time_s: float, codes) -> dict:
     """What one wants to know at a glance, of fields that every robot has."""
-    from mip_rt.log.events import limits, state_name
-    from mip_rt.supervisor import FAULT_BY_NUMBER
+    from mip_rt.log.events import limits
 
-    fault = FAULT_BY_NUMBER.get(int(row["fault"]))
+    row = rows[-1]
     return {
         "tick": int(row["tick"]),
         "time_s": time_s,
-        "state": state_name(int(row["state"])),
-        "fault": fault.code if fault else str(int(row["fault"])),
+        "state": codes.state(row["state"]),
+        "fault": codes.fault(row["fault"]),
         "lean_rad": _json(round(math.hypot(row["attitude_rad"][0], row["attitude_rad"][1]), 6)),
         "yaw_rate_rad_s": _json(round(float(row["gyro_rad_s"][2]), 6)),
         "battery_v": _json(round(float(row["battery_v"]), 4)),
         "remote_age_s": _json(round(float(row["remote_age_s"]), 4)),
         "duty": [_json(round(float(d), 4)) for d in row["duty"]],
-        "latency_us": int(row["write_ns"] - row["edge_ns"]) / 1000.0,
-        "missed": int(row["missed"]),
-        "limits": list(limits(row.reshape(1))),
+        "slowest_us": round(int((rows["write_ns"] - rows["edge_ns"]).max()) / 1000.0, 1),
+        "missed": int(rows["missed"].sum()),
+        "limits": list(limits(rows, codes)),
     }
 
 
-def _usual_text(row, time_s: float) -> str:
-    u = _usual(row, time_s)
-    duties = " ".join(f"{d:+.2f}" if d is not None else "  nan" for d in u["duty"])
+def _usual_text(u: dict) -> str:
+    duties = " ".join(f"{d:+.2f}" if d is not None else "    -" for d in u["duty"])
 
     def number(name, width, digits, factor=1.0):
         return f"{u[name] * factor:{width}.{digits}f}" if u[name] is not None else "-".rjust(width)
@@ -142,8 +144,8 @@ def _usual_text(row, time_s: float) -> str:
     text = (
         f"{u['time_s']:9.3f} s  {u['state']:<11} lean {number('lean_rad', 5, 1, 180.0 / math.pi)} deg  "
         f"yaw {number('yaw_rate_rad_s', 6, 2, 0.5 / math.pi)} Hz  duty {duties}  {number('battery_v', 5, 2)} V  "
-        f"remote {number('remote_age_s', 5, 2)} s  {u['latency_us']:6.0f} us"
+        f"remote {number('remote_age_s', 5, 2)} s  slowest {u['slowest_us']:5.0f} us"
     )
-    if u["fault"] != "none":
-        text += f"  fault {u['fault']}"
+    text += f"  {u['missed']} missed" if u["missed"] else ""
+    text += f"  fault {u['fault']}" if u["fault"] != "none" else ""
     return text + (f"  limits: {', '.join(u['limits'])}" if u["limits"] else "")

@@ -13,8 +13,9 @@ NICENESS = 10  # whoever watches comes after what is watched
 def add_arguments(parser) -> None:
     """Declares the arguments of the verb."""
     parser.add_argument("log", nargs="?", metavar="LOG|DIR", help="ring file or folder (default: the newest of the usual places)")
-    parser.add_argument("--json", action="store_true", help="one JSON object a line on standard output")
-    parser.add_argument("--web", action="store_true", help="serve a page with a 3-D view, plots and, for a dry run, a remote")
+    form = parser.add_mutually_exclusive_group()
+    form.add_argument("--json", action="store_true", help="one JSON object a line on standard output")
+    form.add_argument("--web", action="store_true", help="serve a page with a 3-D view, plots and, for a dry run, a remote")
     parser.add_argument("--rate", metavar="HZ", type=float, help="times a second that the view is renewed (default: 10; page: 30)")
     parser.add_argument("--port", metavar="N", type=int, default=8200, help="of the page; 0 takes a free one (default: 8200)")
     parser.add_argument("--host", metavar="ADDRESS", default="127.0.0.1", help="of the page (default: this machine only, 127.0.0.1)")
@@ -68,7 +69,7 @@ def _json_lines(source, rate_hz: float) -> None:
         source.poll()
         if source.view is not None and source.view.row is not None:
             about = {"run": source.runs, "log": str(source.path), "silence": source.silence}
-            print(json.dumps({**about, **source.view.show()}), flush=True)
+            print(json.dumps({**about, **source.view.show(), "latency_us": source.view.latency_us()}), flush=True)
 
 
 def _text_lines(source) -> None:

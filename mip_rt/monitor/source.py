@@ -4,19 +4,12 @@ import math
 from pathlib import Path
 
 from mip_rt.errors import LogError
+from mip_rt.log.folders import usual_folders
+from mip_rt.log.folders import usual_folders
 from mip_rt.log.live import LiveRing, newest_ring
 from mip_rt.monitor.view import View
 
 SILENT_S = 1.0  # without a row for so long, something is wrong with the loop
-
-
-def usual_folders() -> list[Path]:
-    """Where rings are: the configuration's folder, and that of dry runs."""
-    from mip_rt import config as configuration
-    from mip_rt.log.folders import temporary_log_folder
-
-    folder = configuration.load(configuration.default_path("mbbr")).log.folder
-    return [Path(folder), temporary_log_folder()]
 
 
 class Source:
@@ -57,7 +50,7 @@ class Source:
             try:
                 self._live = LiveRing(self._where)
             except LogError as error:
-                self.trouble = str(error)
+                self.trouble = f"{error.sentence} {error.cure}"
                 return ()
             self.trouble = ""
         live = self._live

@@ -69,7 +69,7 @@ def page(source, columns: int = WIDTH, lines: int = HEIGHT) -> list[tuple[str, s
     shown = source.view.show() if source.view is not None else {}
     if not shown:
         return _cut([(BOLD, "mip-rt monitor"), (PLAIN, ""), (PLAIN, source.trouble or "waiting for the first tick"), *_foot()], columns, lines)
-    return _cut([*_head(source, shown), *_motion(source, shown, columns), *_timing(shown), *_troubles(shown), *_foot()], columns, lines)
+    return _cut([*_head(source, shown), *_motion(source, shown, columns), *_timing(source.view.latency_us()), *_troubles(shown), *_foot()], columns, lines)
 
 
 def _cut(made, columns, lines):
@@ -124,11 +124,11 @@ def _motion(source, shown, columns):
     yield PLAIN, ""
 
 
-def _timing(shown):
+def _timing(latency_us):
     yield DIM, "latency, microseconds  " + "".join(f"{stage:>11}" for stage in STAGES[:-1]) + "        all"
     for name in ("p50", "p99", "max"):
-        yield PLAIN, f"  {name:<21}" + "".join(f"{shown['latency_us'][stage][name]:>11.0f}" for stage in STAGES[:-1]) \
-            + f"{shown['latency_us'][STAGES[-1]][name]:>11.0f}"  # fmt: skip
+        yield PLAIN, f"  {name:<21}" + "".join(f"{latency_us[stage][name]:>11.0f}" for stage in STAGES[:-1]) \
+            + f"{latency_us[STAGES[-1]][name]:>11.0f}"  # fmt: skip
     yield PLAIN, ""
 
 

@@ -3,15 +3,16 @@
 A robot's own fields are used where the header's table has them. Nothing here knows where rows come from or how they are drawn.
 """
 
-import math
-
 import numpy as np
-import yaml
 
-from mip_rt.frame import LIMIT_SENTENCES, LIMITS
+from mip_rt.frame import LIMIT_SENTENCES
+from mip_rt.log.codes import Codes
+from mip_rt.log.configuration import as_dict
+from mip_rt.log.events import stage_ns
+from mip_rt.monitor import pose
+from mip_rt.monitor.pose import number
 from mip_rt.prearm import failing
 from mip_rt.summary import STAGES
-from mip_rt.supervisor import FAULT_BY_NUMBER, State
 
 HISTORY_S = 10.0  # what "recent" means: tilt, latencies, limits
 HINTS = {
@@ -23,12 +24,6 @@ HINTS = {
 }
 # Edges of the latency histogram, microseconds: ten a decade, from 1 microsecond to 100 ms.
 HISTOGRAM_US = np.concatenate(([0.0], 10.0 ** np.linspace(0.0, 5.0, 51), [np.inf]))
-
-
-def number(value, digits: int = 5):
-    """A number for JSON, rounded; None where it is not finite, for which JSON has no word."""
-    value = float(value)
-    return round(value, digits) if math.isfinite(value) else None
 
 
 class View:
@@ -45,16 +40,16 @@ class View:
 
     def __init__(self, header: dict, dtype: np.dtype):
         self.header, self.names = header, dtype.names
-        self.config = yaml.load(header["config"], getattr(yaml, "CSafeLoader", yaml.SafeLoader)) or {}
+        self.config = as_dict(header["config"])
         self.rate_hz = float(self.config.get("realtime", {}).get("rate_hz", 200.0))
         self.kept = round(HISTORY_S * self.rate_hz)
         self.row = None
-        self._estimate = {name: i for i, name in enumerate(header["estimate_names"])}
+        self._codes, self._pose = Codes(header), pose.of_robot(header, self.config)
         self._origin_ns = 0
         self._tilt_rad = np.zeros(0)
         self._latency_us = np.zeros((0, len(STAGES)))
         self._timing = np.zeros((0, 2), np.int64)  # edge time, missed ticks
-        self._limit_seen_ns = {}
+        self._limit_seen_ns, self._limit_bit = {}, {}
         self._state_since_ns = self._fault_since_ns = None
 
     def take(self, rows) -> None:
@@ -65,8 +60,10 @@ class View:
             self._origin_ns = int(rows["edge_ns"][0]) - round(int(rows["tick"][0]) * 1e9 / self.rate_hz)
         self._note_changes(rows)
         self.row = rows[-1]
-        self._tilt_rad = np.concatenate((self._tilt_rad, self._tilts(rows)))[-self.kept :]
-        self._latency_us = np.concatenate((self._latency_us, latencies_us(rows)))[-self.kept :]
+        self._pose.follow(rows)
+        self._tilt_rad = np.concatenate((self._tilt_rad, self._pose.tilt_rad(rows)))[-self.kept :]
+        stages_us = np.stack(list(stage_ns(rows).values()), axis=1) / 1000.0
+        self._latency_us = np.concatenate((self._latency_us, stages_us))[-self.kept :]
         self._timing = np.concatenate((self._timing, np.stack((rows["edge_ns"], rows["missed"]), axis=1)))[-self.kept :]
 
     def time_s(self, rows):
@@ -74,45 +71,37 @@ class View:
         return (rows["edge_ns"] - self._origin_ns) * 1e-9
 
     def _note_changes(self, rows) -> None:
-        edges = rows["edge_ns"]
-        for name, bit in LIMITS.items():
-            found = np.flatnonzero(rows["limits"] & bit)
-            if len(found):
-                self._limit_seen_ns[name] = int(edges[found[-1]])
-        for field, since in (("state", "_state_since_ns"), ("fault", "_fault_since_ns")):
-            before = rows[field][0] if self.row is None else self.row[field]
-            changed = np.flatnonzero(np.diff(rows[field], prepend=before))
-            if len(changed):
-                setattr(self, since, int(edges[changed[-1]]))
-
-    def _tilts(self, rows):
-        roll, pitch = self._column(rows, "roll_rad", 0), self._column(rows, "pitch_rad", 1)
-        return np.hypot(roll, pitch)
-
-    def _column(self, rows, name: str, attitude: int):
-        """An angle of the estimator in control; of the DMP where that estimator has no such angle."""
-        if name in self._estimate:
-            return rows["estimates"][..., 0, self._estimate[name]]
-        return rows["attitude_rad"][..., attitude]
+        edges, states = rows["edge_ns"], rows["state"]
+        seen = int(np.bitwise_or.reduce(rows["limits"]))
+        for name, bit in self._codes.limits_in(rows["limits"]).items():
+            if seen & bit:
+                self._limit_bit[name] = bit
+                self._limit_seen_ns[name] = int(edges[np.flatnonzero(rows["limits"] & bit)[-1]])
+        changed = np.flatnonzero(np.diff(states, prepend=states[0] if self.row is None else self.row["state"]))
+        if len(changed):
+            self._state_since_ns = int(edges[changed[-1]])
+        # Not where the number changes: the same fault may come again, and the number stays after it was acknowledged.
+        faults = changed[states[changed] == self._codes.fault_state]
+        if len(faults):
+            self._fault_since_ns = int(edges[faults[-1]])
 
     # -- what is shown ---------------------------------------------------------------------------------------------------
     def show(self) -> dict:
-        """The newest row and what is recent, ready for JSON; names carry the units. Empty before the first row."""
+        """The newest row and what is recent but latencies, ready for JSON; names carry the units. Empty before the first row."""
         row = self.row
         if row is None:
             return {}
-        state = _state_name(int(row["state"]))
+        state = self._codes.state(row["state"])
         return {
             "tick": int(row["tick"]),
             "time_s": number(self.time_s(row), 3),
             "state": state,
             "state_s": self._ago_s(self._state_since_ns),
             "hint": self._hint(state),
-            "why_not_armed": self.why_not_armed(state),
+            "why_not_armed": self.why_not_armed(),
             "rate_hz": self._rate_hz(),
             "missed": int(self._timing[:, 1].sum()),
-            "latency_us": self.latency_us(),
-            **self.pose(),
+            **self._pose.show(row),
             "tilt_rad": number(self._tilt_rad[-1]),
             "tilt_max_rad": number(self._tilt_rad.max()),
             "velocity_command_m_s": [number(v) for v in row["remote_velocity_m_s"]],
@@ -123,31 +112,16 @@ class View:
             "battery_v": number(row["battery_v"], 3),
             "remote_age_s": number(row["remote_age_s"], 3),
             "limits": self._limits(),
-            "fault": self._fault(state),
+            "fault": self._fault(),
         }
-
-    def pose(self) -> dict:
-        """Attitude (roll, pitch, yaw), wheel angles and, where the estimates tell it, the position on the floor."""
-        row = self.row
-        attitude = [self._column(row, name, i) for i, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad"))]
-        pose = {
-            "attitude_rad": [number(angle) for angle in attitude],
-            "wheel_angle_rad": [number(angle) for angle in row["wheel_angle_rad"]],
-        }
-        if "ball_angle_x_rad" in self._estimate:
-            angle_x, angle_y = (row["estimates"][0, self._estimate[f"ball_angle_{axis}_rad"]] for axis in "xy")
-            radius_m = self.config["model"]["ball_radius_m"]
-            pose["ball_angle_rad"] = [number(angle_x), number(angle_y)]
-            pose["position_m"] = [number(radius_m * angle_y), number(-radius_m * angle_x)]
-        return pose
 
     def tilt_history_rad(self):
         """Tilt of the last ten seconds, oldest first."""
         return self._tilt_rad
 
-    def why_not_armed(self, state: str) -> list[dict]:
+    def why_not_armed(self) -> list[dict]:
         """The pre-arm checks that fail while the motors are off; those that only warn say so."""
-        if "refusals" not in self.names or state == State.BALANCING.name:
+        if "refusals" not in self.names or self.row["state"] == self._codes.balancing_state:
             return []
         return [
             {"code": check.code, "sentence": check.sentence, "cure": check.cure, "blocks": check.blocks}
@@ -168,7 +142,7 @@ class View:
         return {stage: np.histogram(self._latency_us[:, i], HISTOGRAM_US)[0].tolist() for i, stage in enumerate(STAGES)}
 
     def _hint(self, state: str) -> str:
-        blocked = [check for check in self.why_not_armed(state) if check["blocks"]]
+        blocked = [check for check in self.why_not_armed() if check["blocks"]]
         if blocked and state != "FAULT":
             return f"{blocked[0]['sentence']} {blocked[0]['cure']}"
         return HINTS.get(state, "")
@@ -187,47 +161,13 @@ class View:
         recent = sorted((age, name) for name, age in ages.items() if age <= HISTORY_S)
         now = int(self.row["limits"])
         return [
-            {"name": name, "sentence": LIMIT_SENTENCES[name], "now": bool(now & LIMITS[name]), "ago_s": age} for age, name in recent
+            {"name": name, "sentence": LIMIT_SENTENCES.get(name, ""), "now": bool(now & self._limit_bit[name]), "ago_s": age}
+            for age, name in recent
         ]
 
-    def _fault(self, state: str):
+    def _fault(self):
         """The last fault, None where there was none."""
-        fault = FAULT_BY_NUMBER.get(int(self.row["fault"]))
-        if int(self.row["fault"]) == 0:
+        if not self.row["fault"]:
             return None
-        if fault is None:
-            return {"code": f"fault {int(self.row['fault'])}", "sentence": "not known to this version", "cure": "", "active": state == "FAULT",
-                    "ago_s": self._ago_s(self._fault_since_ns)}  # fmt: skip
-        return {"code": fault.code, "sentence": fault.sentence, "cure": fault.cure, "active": state == "FAULT",
-                "ago_s": self._ago_s(self._fault_since_ns)}  # fmt: skip
-
-
-def _state_name(value: int) -> str:
-    try:
-        return State(value).name
-    except ValueError:
-        return f"STATE {value}"
-
-
-def latencies_us(rows):
-    """(n, 5) microseconds of each row's stages, in the order of STAGES. A dry run's contain the time that its fakes take."""
-    edge, wake, read = rows["edge_ns"], rows["wake_ns"], rows["read_ns"]
-    step, write = rows["step_ns"], rows["write_ns"]
-    return np.stack((wake - edge, read - wake, step - read, write - step, write - edge), axis=1) / 1000.0
-
-
-def series(header: dict) -> dict[str, tuple]:
-    """Every single number of a row by name: field or field[i, j] -> (field, index, unit, meaning). Bytes are left out."""
-    found = {}
-    for field in header["fields"]:
-        if field["dtype"] == "|u1":
-            continue
-        for index in np.ndindex(*field["shape"]):
-            label = f"{field['name']}[{','.join(map(str, index))}]" if index else field["name"]
-            found[label] = (field["name"], index, field["unit"], field["meaning"])
-    return found
-
-
-def values(rows, field: str, index: tuple):
-    """(n,) numbers of one series."""
-    return rows[field][(slice(None), *index)]
+        active = bool(self.row["state"] == self._codes.fault_state)
+        return {**self._codes.fault_words(self.row["fault"]), "active": active, "ago_s": self._ago_s(self._fault_since_ns)}

@@ -19,8 +19,10 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from importlib import resources
 
 from mip_rt.errors import MipRtError
+from mip_rt.log.columns import columns
+from mip_rt.monitor.pose import number
 from mip_rt.monitor.source import Source
-from mip_rt.monitor.view import HISTOGRAM_US, number, series, values
+from mip_rt.monitor.view import HISTOGRAM_US
 from mip_rt.remote.fourjoy import BUTTONS, START, frame
 
 TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css", "svg": "image/svg+xml"}
@@ -187,19 +189,17 @@ class Handler(BaseHTTPRequestHandler):
             if source.runs != runs:
                 runs = source.runs
                 self.server.entrance = source.view.header.get("remote_entrance")
-                known = series(source.view.header)
+                known = {column.name: column for column in columns(source.view.header) if not column.is_bytes}
                 self._event("run", describe(source, known))
                 latency_due_s = 0.0
             view = source.view
             if view is None or view.row is None:
                 self._event("waiting", {"sentence": source.trouble or "The loop has not made its first tick yet."})
             else:
-                shown = view.show()
-                latency = shown.pop("latency_us")
-                self._event("view", {**shown, "silence": source.silence, "samples": samples(view, rows, known, asked)})
+                self._event("view", {**view.show(), "silence": source.silence, "samples": samples(view, rows, known, asked)})
                 if due_s >= latency_due_s:
                     latency_due_s = due_s + LATENCY_EVERY_S
-                    self._event("latency", {"stages": latency, "counts": view.histograms()})
+                    self._event("latency", {"stages": view.latency_us(), "counts": view.histograms()})
             idle = view is None or view.row is None or source.silence
             due_s = max(due_s + (0.5 if idle else period_s), time.monotonic())
             time.sleep(max(0.0, due_s - time.monotonic()))
@@ -234,23 +234,24 @@ def describe(source: Source, known: dict) -> dict:
         "rate_hz": view.rate_hz,
         "ball_radius_m": model.get("ball_radius_m"),
         "wheel_radius_m": model.get("wheel_radius_m"),
+        "track_m": model.get("track_m"),
         "body_from_wheel": config.get("wheels", {}).get("body_from_wheel"),
         "tip_rad": config.get("limits", {}).get("tip_rad"),
         "levels": remote.get("levels", []),
         "drivable": "remote_entrance" in header,
-        "series": [[label, unit, meaning] for label, (_, _, unit, meaning) in known.items()],
+        "series": [[column.name, column.unit, column.meaning] for column in known.values()],
         "histogram_us": [number(edge) for edge in HISTOGRAM_US],
     }
 
 
 def samples(view, rows, known: dict, asked: list[str]) -> dict:
     """The asked series of new rows: times and one list of numbers each; series that this run does not have are left out."""
-    found = [label for label in asked if label in known]
+    found = [name for name in asked if name in known]
     if not len(rows) or not found:
         return {}
     return {
         "time_s": [number(t, 3) for t in view.time_s(rows)],
-        "values": {label: [number(v, 6) for v in values(rows, *known[label][:2])] for label in found},
+        "values": {name: [number(v, 6) for v in known[name].of(rows)] for name in found},
     }
 
 

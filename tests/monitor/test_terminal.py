@@ -133,7 +133,7 @@ def test_json_lines_end_with_their_reader(folder):
     )  # fmt: skip
     assert result.returncode == 0 and result.stderr == ""
     shown = [json.loads(line) for line in result.stdout.splitlines()]
-    assert len(shown) == 3 and all(entry["state"] == "BALANCING" and entry["run"] == 1 for entry in shown)
+    assert len(shown) == 3 and all(entry["latency_us"] and entry["state"] == "BALANCING" and entry["run"] == 1 for entry in shown)
 
 
 @pytest.mark.parametrize("arguments", [["/nowhere/at-all.ring"], ["--rate", "0"], ["--rate", "1e9"], [__file__]])

@@ -12,8 +12,9 @@ from helpers import DryRun, make_config
 
 from mip_rt import log
 from mip_rt.config.scenario import Event, Scenario
+from mip_rt.monitor import pose
 from mip_rt.monitor.source import Source
-from mip_rt.monitor.view import HISTOGRAM_US, HISTORY_S, View, series, values
+from mip_rt.monitor.view import HISTOGRAM_US, HISTORY_S, View
 from mip_rt.supervisor import State
 
 ROOT = Path(__file__).parents[2]
@@ -61,7 +62,7 @@ def test_states_and_what_to_do_next(fallen):
 def test_a_fall_is_told_with_cause_and_cure(fallen):
     shown = strict(view_until(fallen, 8.0).show())
     assert shown["state"] == "FAULT" and shown["fault"]["code"] == "tipped" and shown["fault"]["active"] and shown["fault"]["cure"]
-    fell_at = fallen.frames["tick"][np.argmax(fallen.frames["fault"] != 0)] / 200
+    fell_at = fallen.frames["tick"][np.argmax(fallen.frames["state"] == State.FAULT)] / 200
     assert shown["fault"]["ago_s"] == pytest.approx(shown["time_s"] - fell_at, abs=0.06)
     limits = {entry["name"]: entry for entry in shown["limits"]}
     assert limits["tipped"]["now"] and limits["tipped"]["ago_s"] == 0.0
@@ -131,20 +132,12 @@ def test_a_log_with_states_faults_and_checks_of_another_version(fallen):
     view = View(fallen.header, rows.dtype)
     view.take(rows)
     shown = strict(view.show())
-    assert shown["state"] == "STATE 77" and shown["fault"]["code"] == "fault 99" and shown["limits"] == []
+    assert shown["state"] == "state 77" and shown["fault"]["code"] == "fault 99" and [entry["name"] for entry in shown["limits"]] == ["bit 60"]
     without = [name for name in rows.dtype.names if name != "refusals"]
     old = np.zeros(5, [(name, rows.dtype.fields[name][0]) for name in without])
     view = View(fallen.header, old.dtype)
     view.take(old)
     assert view.show()["why_not_armed"] == []
-
-
-def test_series_name_every_number_of_a_row(fallen):
-    known = series(fallen.header)
-    assert "imu_packet[0]" not in known and known["battery_v"][1:3] == ((), "V")
-    for label in ("gyro_rad_s[2]", "estimates[1,3]", "tick"):
-        field, index, _, meaning = known[label]
-        assert meaning and np.array_equal(values(fallen.frames, field, index), fallen.frames[field][(slice(None), *index)])
 
 
 def test_a_new_run_is_followed_and_told_apart(tmp_path):
@@ -173,3 +166,34 @@ def test_the_monitor_needs_no_compiler(tmp_path):
     )
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=ROOT, check=True)
     assert result.stdout.strip() == "False"
+
+
+def test_the_place_of_a_robot_on_wheels_is_the_sum_of_its_ways():
+    """Straight, then a quarter circle to the left, in portions; a reset of the estimator moves nothing."""
+    names = ("pitch_rad", "phi_rad", "yaw_rad")
+    rows = np.zeros(401, [("estimates", "<f8", (8, 3)), ("wheel_angle_rad", "<f8", (2,))])
+    way_m = 0.005 * np.arange(401)
+    yaw = np.clip((way_m - 1.0) / 1.0, 0.0, 1.0) * math.pi / 2
+    pitch = 0.1 * np.sin(way_m)
+    rows["estimates"][:, 0] = np.stack((pitch, way_m / 0.035 - pitch, yaw), axis=1)
+    rows["estimates"][200:, 0, 1] -= 77.0
+    robot = pose.of_robot({"estimate_names": names}, {"model": {"wheel_radius_m": 0.035}})
+    for begin in range(0, 401, 33):
+        robot.follow(rows[begin : begin + 33])
+    shown = robot.show(rows[-1])
+    radius_m = 1.0 / (math.pi / 2)
+    assert shown["position_m"] == pytest.approx([1.0 - 0.005 + radius_m, radius_m], abs=1e-3)
+    assert shown["attitude_rad"][0] == 0.0 and shown["attitude_rad"][1] == pytest.approx(pitch[-1], abs=1e-5)
+    assert robot.tilt_rad(rows) == pytest.approx(np.abs(pitch))
+
+
+def test_the_same_fault_a_second_time_is_a_new_one(fallen):
+    """Its number in the row does not change, so a fall just now would be shown as one of long ago."""
+    rows = fallen.frames[:1600].copy()
+    rows["fault"][200:], rows["state"] = 4, State.DISARMED
+    rows["state"][200:300] = rows["state"][1400:1500] = State.FAULT
+    view = View(fallen.header, rows.dtype)
+    view.take(rows[:1000])
+    assert view.show()["fault"]["ago_s"] == pytest.approx(799 / 200, abs=0.06) and not view.show()["fault"]["active"]
+    view.take(rows[1000:])
+    assert view.show()["fault"]["ago_s"] == pytest.approx(199 / 200, abs=0.06)

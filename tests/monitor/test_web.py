@@ -70,15 +70,20 @@ class Events:
         self.connection.close()
 
 
-def readers(ring):
-    """How many times this process has the ring open to read it."""
-    found = 0
-    for entry in os.scandir("/proc/self/fd"):
-        try:
-            found += os.readlink(entry.path) == str(ring)
-        except OSError:
-            pass
-    return found
+def wait_for_readers(ring, wanted, limit_s=10.0):
+    """Waits until this process has the ring open so many times."""
+    end = time.monotonic() + limit_s
+    while True:
+        found = 0
+        for entry in os.scandir("/proc/self/fd"):
+            try:
+                found += os.readlink(entry.path) == str(ring)
+            except OSError:
+                pass
+        if found == wanted:
+            return
+        assert time.monotonic() < end, f"{found} readers, not {wanted}"
+        time.sleep(0.05)
 
 
 def test_every_file_of_the_page_is_served_and_nothing_else(page):
@@ -168,18 +173,16 @@ def test_a_viewer_gets_the_run_the_view_and_the_asked_series(page):
 
 def test_nothing_is_read_while_nobody_looks(page, ring):
     """A monitor that is left running on the robot must cost nothing."""
+    wait_for_readers(ring, 0)
     ask(page, "GET", "/")
-    assert readers(ring) == 0
+    wait_for_readers(ring, 0)
     viewers = [Events(page), Events(page)]
     for viewer in viewers:
         viewer.next("view")
-    assert readers(ring) == 2
+    wait_for_readers(ring, 2)
     for viewer in viewers:
         viewer.close()
-    end = time.monotonic() + 10.0
-    while readers(ring) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert readers(ring) == 0
+    wait_for_readers(ring, 0)
 
 
 def test_a_port_that_is_taken_is_refused_with_a_cure(page):

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from helpers import DryRun, make_config
 
-from mip_rt import frame
+from mip_rt import frame, robots
 from mip_rt import log as logs
 from mip_rt.config import scenario as scenarios
 from mip_rt.errors import MipRtError
@@ -24,21 +24,33 @@ from mip_rt.log.comparison import Comparison
 from mip_rt.log.replay import replay
 from mip_rt.log.rerun import Rerun
 from mip_rt.progress import progress
-from mip_rt.robots import mbbr_setup
 
 FOLDER = Path(__file__).parent / "logs"
-LARGEST = 2_000_000  # bytes of all excerpts together
+LARGEST = 1_500_000  # bytes of all excerpts together
 LONGEST_S = 30.0  # of a scenario: what happens later is more of the same
-BEFORE, LENGTH = 4, 28  # ticks of a stretch before its moment and in all
+BEFORE, LENGTH = 4, 20  # ticks of a stretch before its moment and in all
 FILLING = 12  # moments in even distances, where there is room
 
 
+def scenarios_of(robot: str) -> list[str]:
+    """The shipped scenarios that are meant for a robot: spins in rad/s are the eduMIP's, those in Hz the MBBR's."""
+    found = sorted(scenarios.shipped())
+    return [name for name in found if name in ("hold", "drive") or name.endswith("-rad-s") == (robot == "edumip")]
+
+
 def wanted() -> dict[str, tuple]:
-    """{name of an excerpt: (configuration, name of the scenario)}."""
-    control = make_config().estimator.control
-    shadows = ", ".join(name for name in mbbr_setup.ESTIMATORS if name != control)
-    config = make_config(estimator__shadows=f"[{shadows}]", log__ring_s=str(LONGEST_S + 1.0))
-    return {f"mbbr-{scenario}": (config, scenario) for scenario in sorted(scenarios.shipped())}
+    """{name of an excerpt: (configuration, name of the scenario)}: every scenario of every robot, and its other controllers standing still."""
+    found = {}
+    for robot in robots.NAMES:
+        setup, shipped = robots.setup(robot), make_config(robot)
+        shadows = ", ".join(name for name in setup.ESTIMATORS if name != shipped.estimator.control)
+        changes = {"estimator__shadows": f"[{shadows}]", "log__ring_s": str(LONGEST_S + 1.0)}
+        for scenario in scenarios_of(robot):
+            found[f"{robot}-{scenario}"] = make_config(robot, **changes), scenario
+        for controller in getattr(setup, "CONTROLLERS", ()):
+            if controller != shipped.control.controller:
+                found[f"{robot}-hold-{controller}"] = make_config(robot, **changes, control__controller=controller), "hold"
+    return found
 
 
 def path_of(name: str) -> Path:
@@ -51,6 +63,7 @@ def moments(frames) -> list[int]:
     engaged = frames["request"] & frame.REQUEST_ENGAGED != 0
     found = list(np.flatnonzero(engaged[1:] & ~engaged[:-1]) + 1)
     found += list(np.flatnonzero(frames["request"] & frame.REQUEST_HEADING_RESET))
+    found += [np.abs(frames["gyro_rad_s"][:, 2]).argmax(), np.abs(frames["wheel_rate_rad_s"]).max(axis=1).argmax()]
     for bit in frame.LIMITS.values():
         found += list(np.flatnonzero(frames["limits"] & bit)[:1])
     command = np.column_stack([frames["remote_velocity_m_s"], frames["remote_yaw_rate_rad_s"]])
@@ -107,13 +120,15 @@ def record(config, scenario: str, largest: int) -> bytes:
     return data
 
 
-def change(name: str, config) -> str | None:
-    """What is no longer true of an excerpt; None where its replay is equal and its configuration is the present one."""
+def change(name: str, config, largest: int) -> str | None:
+    """Why an excerpt has to be rewritten; None where its replay is equal and its configuration the present one."""
     if not path_of(name).exists():
         return "new"
     log = logs.open(path_of(name))
     try:
         if replay(log)[1].equal:
+            if path_of(name).stat().st_size > largest:
+                return "larger than its share"
             return None if log.config == config.to_yaml() else "configuration"
         rerun = Rerun(log, asserted=False)
     except MipRtError as error:
@@ -135,14 +150,15 @@ def main(argv=None) -> int:
     arguments = parser.parse_args(argv)
     FOLDER.mkdir(exist_ok=True)
     runs = wanted()
+    share = LARGEST // len(runs)
     for path in set(FOLDER.iterdir()) - {path_of(name) for name in runs}:
         path.unlink()
         print(f"{path.name}: removed, no scenario of that name is shipped")
     for number, (name, (config, scenario)) in enumerate(runs.items()):
         progress(number, len(runs), name)
-        changed = change(name, config) or ("rewritten" if arguments.all else None)
+        changed = change(name, config, share) or ("rewritten" if arguments.all else None)
         if changed:
-            path_of(name).write_bytes(record(config, scenario, LARGEST // len(runs)))
+            path_of(name).write_bytes(record(config, scenario, share))
             if not replay(logs.open(path_of(name)))[1].equal:
                 raise SystemExit(f"{name}: the new excerpt does not replay; the step depends on something that the log lacks")
         print(f"{name}: {changed or 'unchanged'}")

@@ -10,8 +10,8 @@ const KEPT = "mip-rt-fields";
 // Sets of fields by name; what a run does not have is left out.
 const PRESETS = {
   "tilt and rates": ["attitude_rad[0]", "attitude_rad[1]", "gyro_rad_s[0]", "gyro_rad_s[1]"],
-  "lean, wanted and estimated": ["reference_lean_rad[0]", "reference_lean_rad[1]", "estimates[0,0]", "estimates[0,1]"],
-  "estimators against each other": ["estimates[0,0]", "estimates[1,0]", "estimates[2,0]", "estimates[3,0]"],
+  "lean, wanted and estimated": ["reference_lean_rad", "reference_lean_rad[0]", "reference_lean_rad[1]", "estimates[0].roll_rad", "estimates[0].pitch_rad"],
+  "estimators against each other": [0, 1, 2, 3, 4, 5, 6, 7].map((slot) => `estimates[${slot}].pitch_rad`),
   "motor commands": ["duty[0]", "duty[1]", "duty[2]"],
   "body commands by stage": ["command_feedback[0]", "command_friction[0]", "command_applied[0]"],
   "remote": ["remote_velocity_m_s[0]", "remote_velocity_m_s[1]", "remote_yaw_rate_rad_s", "remote_age_s"],
@@ -22,7 +22,7 @@ const FIRST = ["attitude_rad[0]", "attitude_rad[1]", "gyro_rad_s[0]", "gyro_rad_
 
 const part = (id) => document.getElementById(id);
 const degrees = (angle) => (angle * 180) / Math.PI;
-const fixed = (value, digits) => (value === null || value === undefined ? "--" : value.toFixed(digits));
+const fixed = (value, digits) => (value === null || value === undefined ? "--" : value.toFixed(digits).replace(/^-(0\.?0*)$/, "$1"));
 const put = (id, text) => { if (part(id).textContent !== text) part(id).textContent = text; };
 
 const robot = new RobotView(part("view"));

@@ -40,7 +40,7 @@ export class Pad {
     input.addEventListener("change", () => this.choose(i, level));
     const key = document.createElement("kbd");
     key.textContent = i;
-    label.append(input, ` ${level.yaw_rate_hz} Hz `, key);
+    label.append(input, ` ${Number(level.yaw_rate_hz.toFixed(2))} Hz `, key);
     return label;
   }
 

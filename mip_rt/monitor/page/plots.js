@@ -126,7 +126,7 @@ export class Plots {
       }
     }
     if (!(low <= high)) [low, high] = [-1, 1];
-    const room = Math.max((high - low) * 0.08, Math.abs(high) * 1e-3, 1e-6);
+    const room = high - low > 1e-9 * Math.abs(high) ? (high - low) * 0.08 : Math.abs(high) * 0.1 || 1;
     [low, high] = [low - room, high + room];
     const area = { x: MARGIN.left, y: MARGIN.top, w: width - MARGIN.left - MARGIN.right, h: height - MARGIN.top - MARGIN.bottom };
     const toX = (t) => area.x + ((t - begin) / this.spanS) * area.w;

@@ -15,7 +15,7 @@ function mbbr(run) {
     const axis = unit(run.body_from_wheel.map((row) => row[k]));
     const azimuth = Math.atan2(axis[1], axis[0]) + 0.75 * Math.PI;
     const contact = [Math.sin(CONTACT_RAD) * Math.cos(azimuth), Math.sin(CONTACT_RAD) * Math.sin(azimuth), Math.cos(CONTACT_RAD)];
-    return { axis, centre: scale(contact, radius + wheel), radius: wheel };
+    return { axis, centre: scale(contact, radius + wheel), radius: wheel, width: 0.0105 };
   });
   const body = [
     ...[0, 1, 2].map((k) => prism([0, 0, 0], [0, 0, 1], 0.005, 0.066, 0.150, 8).map((face) => face.map((point) =>
@@ -32,8 +32,8 @@ function mbbr(run) {
 
 /** A robot on two wheels; the body's origin is the middle of the axle. */
 function mip(run) {
-  const radius = run.wheel_radius_m || 0.034;
-  const wheels = [-1, 1].map((side) => ({ axis: [0, 1, 0], centre: [0, 0.038 * side, 0], radius }));
+  const radius = run.wheel_radius_m || 0.034, half = (run.track_m || 0.07) / 2;
+  const wheels = [-1, 1].map((side) => ({ axis: [0, 1, 0], centre: [0, (half + 0.005) * side, 0], radius, width: 0.018 })); // right, left
   const body = [
     part(box([-0.016, -0.028, -0.010], [0.016, 0.028, 0.110]), "body"),
     part(box([-0.020, -0.030, 0.110], [0.020, 0.030, 0.118]), "plate"),
@@ -48,8 +48,8 @@ function part(faces, paint) {
 
 /** The two discs of a wheel that has turned by `angle`: a drum, and a mark that shows the turning. */
 export function wheelParts(wheel, angle) {
-  const half = wheel.radius * 0.42;
-  const drum = part(prism(wheel.centre, wheel.axis, wheel.radius, -half, half, 14, angle || 0), "wheel");
+  const half = wheel.width / 2;
+  const drum = part(prism(wheel.centre, wheel.axis, wheel.radius, -half, half, 24, angle || 0), "wheel");
   const hub = [-1, 1].map((side) => part(prism(wheel.centre, wheel.axis, wheel.radius * 0.62, side * half * 1.02, side * half * 1.12, 3, angle || 0)
     .map((face) => (side < 0 ? face.slice().reverse() : face)), "ball-b"));
   return [drum, ...hub];
