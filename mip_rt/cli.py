@@ -29,6 +29,7 @@ VERBS = {
     "log": Verb("mip_rt.log.commands", "look into a log: info, plot, export, tail, diff, spectrum", "mip-rt log info"),
     "monitor": Verb("mip_rt.monitor.commands", "watch a running loop: terminal, JSON lines or web page", "mip-rt monitor --web"),
     "warm-up": Verb("mip_rt.warm_up", "compile everything and keep it", "mip-rt warm-up"),
+    "safety": Verb("mip_rt.safety", "print states, transitions, faults, limits and pre-arm checks as Markdown", "mip-rt safety"),
     "bench": Verb("mip_rt.lab.bench", "measure costs, estimators, robustness", "mip-rt bench steps"),
     "soak": Verb("mip_rt.lab.soak", "faults at random over hours of virtual time, promises checked", "mip-rt soak --hours 10"),
 }

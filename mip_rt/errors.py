@@ -75,12 +75,6 @@ class RemoteError(HardwareError):
     code = "remote"
 
 
-class RealtimeError(MipRtError):
-    """A real-time setting was required and refused."""
-
-    code = "realtime"
-
-
 class LogError(MipRtError):
     """A log cannot be created or read."""
 

@@ -35,11 +35,34 @@ LIMIT_SENTENCES = {
     "covariance_bounded": "the variance of an unobservable state was held at its limit",
     "remote_lost": "no valid frame within the time limit: commands are ramped to zero",
     "duty_refused": "a non-finite duty was replaced by zero",
+    "lean_rate_limited": "the lean rate reference was at its limit",
+    "reference_held": "the position or heading reference waits for the robot",
+    "wheels_disagree": "wheels and gyro disagree about the spin: encoders masked",
+    "drive_reduced": "drive and spin commands are scaled down: motors at their limit, or battery below battery.minimum_v",
+    "spin_down": "balance was being lost while spinning: spin command taken away until calm",
+    "battery_warning": "the battery is below battery.warn_v",
 }
 LIMITS = {name: 1 << i for i, name in enumerate(LIMIT_SENTENCES)}
 for _name, _bit in LIMITS.items():
     globals()[f"LIMIT_{_name.upper()}"] = _bit
 LOOP_LIMITS = LIMITS["remote_lost"]  # bits that the loop adds after the step; all others are the step's
+
+# frame.alarms: what the detectors of the step (robots.health) have found; each is a fault of the same name while balancing.
+ALARM_SENTENCES = {
+    "imu_unreliable": "more than 3 of 10 IMU packets were unusable over the last half second",
+    "imu_rate": "the interval of the IMU's interrupts, smoothed over a second, is off by more than limits.rate_tolerance",
+    "encoder_static": "a count stands still while its motor is driven, or while the other wheels and the gyro contradict it",
+    "encoder_jump": "five counts that a wheel cannot have made, within a quarter of a second",
+    "encoder_sign": "wheels and gyro disagree for 50 ms, and agree once the sign of one or more wheels is changed",
+    "wheel_slip": "wheels and gyro disagree for a quarter of a second",
+    "lifted": "a wheel runs at more than limits.race_share of its no-load speed for 0.1 s",
+    "saturated": "one wheel's command is clipped in the same direction for limits.saturation_s",
+    "battery_low": "the smoothed battery voltage is below battery.cutoff_v for 2 s",
+    "overrun": "more than one tick was missed for every two made, smoothed over half a second",
+}
+ALARMS = {name: 1 << i for i, name in enumerate(ALARM_SENTENCES)}
+for _name, _bit in ALARMS.items():
+    globals()[f"ALARM_{_name.upper()}"] = _bit
 
 
 class Field(NamedTuple):
@@ -89,9 +112,12 @@ def sensors(wheels: int) -> tuple[Field, ...]:
 
 
 def estimation(names: tuple[str, ...]) -> tuple[Field, ...]:
-    """What was limited, and one row of numbers from each estimator."""
+    """What was limited and found wrong, and one row of numbers from each estimator."""
     return (
         Field("limits", "<i8", (), "bits", "what was limited, replaced or refused (LIMIT_*)"),
+        Field("alarms", "<i8", (), "bits", "what the detectors have found (ALARM_*)"),
+        Field("drive_allowed", "<f8", (), "1", "factor on drive and spin commands, 0 to 1"),
+        Field("wheel_mismatch_rad", "<f8", (), "rad", "spin of the wheels less that of the gyro, over the last 0.1 s"),
         Field("estimates", "<f8", (ESTIMATORS, len(names)), "rad, rad/s", "one row an estimator: " + ", ".join(names)),
         Field("estimator_flags", "<i8", (ESTIMATORS,), "bits", "flags of each estimator (estimators.ekf)"),
     )

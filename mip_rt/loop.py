@@ -13,7 +13,8 @@ from mip_rt.log.ring import STATE_EVERY
 REMOTE_EVERY = 4  # ticks between looks at the serial port: 20 ms
 BATTERY_EVERY = 40  # ticks between battery readings: 0.2 s
 
-_ONE = struct.Struct("<q")
+_LIMITS = struct.Struct("<q")
+_FOUND = struct.Struct("<2q")  # limits and alarms
 _LEAN = struct.Struct("<2d")
 
 
@@ -76,14 +77,14 @@ class Loop:
         self.robot.step(index)
         step_ns = kernel.monotonic_ns()
 
-        (limits,) = _ONE.unpack_from(buffer, base + at["limits"])
+        limits, alarms = _FOUND.unpack_from(buffer, base + at["limits"])
         duty_ns = self._duties.unpack_from(buffer, base + at["duty_ns"])
         roll, pitch = _LEAN.unpack_from(buffer, base + at["attitude_rad"])
         upright = abs(roll) < self.engage_tilt_rad and abs(pitch) < self.engage_tilt_rad and not status & IMU_NO_DATA
         if not remote.alive:
             limits |= frame.LIMIT_REMOTE_LOST
-            _ONE.pack_into(buffer, base + at["limits"], limits)
-        applied = duty_ns if supervisor.apply(tick, status, limits, upright, duty_ns) else self._no_pulses
+            _LIMITS.pack_into(buffer, base + at["limits"], limits)
+        applied = duty_ns if supervisor.apply(tick, status, limits, alarms, upright, duty_ns) else self._no_pulses
         write_ns = kernel.monotonic_ns()
 
         self._outputs.pack_into(

@@ -1,18 +1,18 @@
-"""Before arming: the checks that must pass, as a table, and the calibration of the gyro.
+"""Before arming: the checks that must pass, as a table.
 
 Each check has a bit in the frame's `refusals`, a code, a sentence and a cure. Those that block keep the robot disarmed; the others only
 warn: balancing must not depend, for example, on recording. All of it runs between ticks while the motors are off.
 """
 
 import math
+import os
 from typing import NamedTuple
 
-import numpy as np
+from mip_rt.errors import MipRtError
 
-STILL_S = 1.0  # length of the window in which the robot must be still
-STILL_SPREAD_RAD_S = 0.05  # largest standard deviation of the gyro in it
-LARGEST_BIAS_RAD_S = 0.35  # 20 deg/s: the data sheet's zero-rate output is within 5
-AGREEMENT_RAD = 0.05  # DMP against accelerometer, averaged over the window
+OLD_AFTER_S = 600.0  # a gyro bias measured longer ago does not count
+NEAR_FILE_RAD_S = 0.05  # 3 deg/s: more than temperature moves a gyro's bias
+LOG_SPACE_BYTES = 64_000_000
 
 
 class Check(NamedTuple):
@@ -79,67 +79,78 @@ def failing(bits: int) -> list[Check]:
     return [check for check in CHECKS.values() if bits & check.bit]
 
 
-class Calibration:
-    """Gyro bias and convergence of the DMP, from one window of stillness.
+class PreArm:
+    """Runs the checks.
+
+    Args:
+        config: the configuration.
+        devices: opened drivers.
+        calibration: calibration.GyroCalibration.
+        unit_file: calibration.UnitFile, None where there is none, or the MipRtError that says why it cannot be used.
+        log_folder: where the log goes.
+        self_test: sentences of what the supervisor's own test found.
 
     Attributes:
-        bias_rad_s: (3,) once `done`.
-        reason: Refusal that says what is still missing; None when done.
+        scheduling: realtime.Scheduling as obtained, once known.
     """
 
-    def __init__(self, rate_hz: float):
-        self._window = round(STILL_S * rate_hz)
-        self._gyro = np.zeros((self._window, 3))
-        self._force = np.zeros((self._window, 3))
-        self._lean = np.zeros((self._window, 2))
-        self._filled = 0
-        self.bias_rad_s = np.zeros(3)
-        self.reason = refusal("calibrating")
+    def __init__(self, config, devices, calibration, unit_file, log_folder, self_test):
+        self._config, self._devices, self._calibration = config, devices, calibration
+        self._unit_file, self._log_folder, self._self_test = unit_file, log_folder, self_test
+        self._encoder_errors = [0] * len(devices.encoders)
+        self.scheduling = None
 
-    @property
-    def done(self) -> bool:
-        """A still window was found and the DMP agrees with gravity."""
-        return self.reason is None
+    def check(self, now_s: float, started: bool, rate_hz: float) -> list[Refusal]:
+        """The checks that fail at present, those that block first.
 
-    def take(self, gyro_rad_s, acceleration_m_s2, attitude_rad) -> bool:
-        """One tick's converted sensors, gyro without bias correction; True when calibration is complete."""
-        i = self._filled
-        self._gyro[i], self._force[i], self._lean[i] = gyro_rad_s, acceleration_m_s2, attitude_rad[:2]
-        self._filled += 1
-        if self._filled < self._window:
-            return False
-        self._filled = 0
-        self.reason = self._judge()
-        return self.done
+        Args:
+            now_s: monotonic time.
+            started: the IMU has sent good packets for long enough.
+            rate_hz: measured rate of its interrupts.
+        """
+        found = [refusal("self_test", f"the supervisor's own test failed: {self._self_test[0]}.")] if self._self_test else []
+        if not started:
+            found.append(refusal("imu_starting"))
+        found += [*self._calibrations(now_s), *self._sensors(rate_hz), *self._surroundings()]
+        return sorted(found, key=lambda each: each.check.bit)
 
-    def _judge(self):
-        mean, spread = self._gyro.mean(axis=0), self._gyro.std(axis=0)
-        if spread.max() > STILL_SPREAD_RAD_S:
-            return refusal("not_still", f"the robot moves: the gyro varies by {spread.max():.3f} rad/s.")
-        if np.abs(mean).max() > LARGEST_BIAS_RAD_S:
-            return refusal("gyro_bias", f"the gyro's rate at rest is {np.abs(mean).max():.2f} rad/s.")
-        ax, ay, az = self._force.mean(axis=0)
-        roll, pitch = math.atan2(-ay, -az), math.asin(max(-1.0, min(1.0, ax / math.sqrt(ax * ax + ay * ay + az * az))))
-        apart = np.hypot(*(self._lean.mean(axis=0) - (roll, pitch)))
-        if apart > AGREEMENT_RAD:
-            return refusal("attitude_disagrees", f"DMP and accelerometer differ by {math.degrees(apart):.1f} deg.")
-        self.bias_rad_s = mean
-        return None
+    def _calibrations(self, now_s: float):
+        calibration, unit = self._calibration, self._unit_file
+        age_s = now_s - calibration.measured_s
+        if not calibration.done:
+            yield calibration.reason
+        elif age_s > OLD_AFTER_S:
+            yield refusal("gyro_bias_old", f"the gyro's bias was measured {age_s / 60.0:.0f} minutes ago.")
+        if isinstance(unit, MipRtError):
+            yield refusal("calibration_invalid", unit.sentence)
+        elif unit is not None and calibration.done:
+            apart = max(abs(a - b) for a, b in zip(calibration.bias_rad_s, unit.gyro_bias_rad_s))
+            if not apart <= NEAR_FILE_RAD_S:
+                yield refusal("calibration_differs", f"the gyro's rate at rest is {apart:.2f} rad/s from that of the calibration file ({unit.describe()}).")
 
+    def _sensors(self, rate_hz: float):
+        devices, battery = self._devices, self._config.battery
+        wanted_hz, tolerance = self._config.realtime.rate_hz, self._config.limits.rate_tolerance
+        for i, encoder in enumerate(devices.encoders):
+            if encoder.errors != self._encoder_errors[i]:
+                self._encoder_errors[i] = encoder.errors
+                yield refusal("encoder_errors", f"the encoder of wheel {i + 1} does not answer.")
+        if math.isnan(devices.battery_v):
+            yield refusal("battery_unknown")
+        elif not devices.battery_v >= battery.minimum_v:
+            yield refusal("battery_low", f"the battery has {devices.battery_v:.2f} V, less than {battery.minimum_v:g} V.")
+        if not devices.remote.centred:
+            yield refusal("remote_not_centred")
+        if not abs(rate_hz - wanted_hz) <= tolerance * wanted_hz:
+            yield refusal("rate_wrong", f"the IMU interrupts at {rate_hz:.1f} Hz, not {wanted_hz:g} Hz.")
 
-def failing_checks(calibration, devices, minimum_v: float, rate_hz: float, wanted_hz: float) -> list[Refusal]:
-    """The checks that fail at present."""
-    refusals = []
-    if not calibration.done:
-        refusals.append(calibration.reason)
-    if math.isnan(devices.battery_v):
-        refusals.append(refusal("battery_unknown"))
-    elif devices.battery_v < minimum_v:
-        refusals.append(refusal("battery_low", f"the battery has {devices.battery_v:.2f} V."))
-    if not devices.remote.centred:
-        refusals.append(refusal("remote_not_centred"))
-    if any(encoder.failing for encoder in devices.encoders):
-        refusals.append(refusal("encoder_errors"))
-    if abs(rate_hz - wanted_hz) > 0.03 * wanted_hz:
-        refusals.append(refusal("rate_wrong", f"the IMU interrupts at {rate_hz:.1f} Hz, not {wanted_hz:g} Hz."))
-    return refusals
+    def _surroundings(self):
+        if self.scheduling is not None and self.scheduling.warnings:
+            yield refusal("realtime_required" if self._config.realtime.strict else "realtime_missing", self.scheduling.warnings[0] + ".")
+        try:
+            disk = os.statvfs(self._log_folder)
+            free = disk.f_bavail * disk.f_frsize
+        except OSError:
+            free = 0
+        if free < LOG_SPACE_BYTES or not os.access(self._log_folder, os.W_OK):
+            yield refusal("log_space", f"the log's disk has {free / 1e6:.0f} MB left, or cannot be written.")

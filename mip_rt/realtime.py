@@ -2,15 +2,13 @@
 
 A Python loop keeps 200 Hz when three things are settled before it starts: it runs under SCHED_FIFO, its pages are locked, and the
 garbage collector (17 ms a collection with numba loaded) is frozen and off. What was asked for and what was obtained are
-both reported; a refusal is a warning with its cure, not a stop, unless `strict` is set.
+both reported; a refusal is a warning with its cure, not a stop; with realtime.strict it keeps the robot disarmed (prearm).
 """
 
 import ctypes
 import gc
 import os
 from dataclasses import asdict, dataclass, field
-
-from mip_rt.errors import RealtimeError
 
 MCL_CURRENT, MCL_FUTURE = 1, 2
 IDLE_LATENCY = "/dev/cpu_dma_latency"
@@ -68,14 +66,13 @@ def forbid_deep_idle() -> bool:
         return False
 
 
-def enter(policy: str, priority: int, lock: bool, strict: bool = False) -> Scheduling:
+def enter(policy: str, priority: int, lock: bool) -> Scheduling:
     """Makes this process as real-time as it is allowed to be. Call last before the loop.
 
     Args:
         policy: "fifo" or "other".
         priority: SCHED_FIFO priority, below the interrupt threads of I2C and GPIO.
         lock: lock all memory.
-        strict: raise RealtimeError instead of warning.
     """
     obtained = Scheduling()
     if lock:
@@ -101,8 +98,6 @@ def enter(policy: str, priority: int, lock: bool, strict: bool = False) -> Sched
     obtained.priority = os.sched_getparam(0).sched_priority
     freeze_garbage_collector()
     obtained.gc_frozen = not gc.isenabled()
-    if strict and obtained.warnings:
-        raise RealtimeError(obtained.warnings[0], "Or run without realtime.strict.", code="realtime_refused")
     return obtained
 
 

@@ -13,19 +13,22 @@ from pathlib import Path
 
 import numpy as np
 
-from mip_rt import frame, realtime, robots
+from mip_rt import frame, realtime, robots, self_test
+from mip_rt.calibration import GyroCalibration, load_unit_file
 from mip_rt.errors import MipRtError
 from mip_rt.hardware.devices import open_devices
+from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
 from mip_rt.log import recorder_process
 from mip_rt.log.ring import Ring, header, remove_old_rings
 from mip_rt.loop import Loop
-from mip_rt.prearm import Calibration, failing_checks
+from mip_rt.prearm import PreArm
 from mip_rt.summary import Summary
 from mip_rt.supervisor import FAULT_BY_NUMBER, State, Supervisor
 
 ABSORB_EVERY = 64  # ticks between looks of the summary
 CHECK_EVERY = 20  # ticks between pre-arm checks
+RECOVER_AFTER_S = 1.0  # without a good packet while the motors are off: FIFO and DMP are reset, and again after as long
 BOOT_TIMEOUTS = 40  # silent waits in a row before a start is given up
 
 
@@ -95,12 +98,22 @@ class Session:
             self.robot, self.devices, self.supervisor, self.ring, self.kernel, config.limits.imu_silence_s,
             config.limits.engage_tilt_rad,
         )  # fmt: skip
-        self.calibration = Calibration(config.realtime.rate_hz)
+        self.calibration = GyroCalibration(config.realtime.rate_hz)
+        self.prearm = PreArm(
+            config, self.devices, self.calibration, self._unit_file(), self.ring.path.parent, self_test.run(config.limits, dt_s)
+        )
         self.summary = Summary(self.robot.names, dt_s, setup.Judge(config))
         self.scheduling = realtime.Scheduling()
         self.refusals = []
+        self._imu_good_ns = None  # newest good packet, or attempt to get one, since the motors are off
         self._absorbed = 0
         self._in_fault = False
+
+    def _unit_file(self):
+        try:
+            return load_unit_file(self.kernel.path(self.config.imu.calibration_file.lstrip("/")))
+        except MipRtError as error:
+            return error
 
     def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True, service=None) -> dict:
         """Turns the loop for `duration_s` (or until stopped); returns the summary. The motors are off afterwards, however it ends."""
@@ -109,11 +122,12 @@ class Session:
             self.recorder.start()
             if real_time:
                 settings = self.config.realtime
-                self.scheduling = realtime.enter(settings.policy, settings.priority, settings.lock_memory, settings.strict)
+                self.scheduling = realtime.enter(settings.policy, settings.priority, settings.lock_memory)
                 self.scheduling.warnings += self.guard.warnings
             else:
                 realtime.freeze_garbage_collector()
                 self.scheduling = realtime.Scheduling(gc_frozen=True)
+            self.prearm.scheduling = self.scheduling
             if kernel.wait_readable(self.devices.imu_line.fd, self.config.limits.imu_silence_s):
                 while self.devices.imu_line.read() is not None:
                     pass  # interrupts of the bring-up are not missed ticks
@@ -128,6 +142,7 @@ class Session:
                     silent += 1
                     if silent > BOOT_TIMEOUTS and loop.ticks == 0:
                         raise MipRtError("the IMU sends no interrupts.", "Run mip-rt doctor.", "imu_no_interrupt")
+                    self._recover_imu()
                     continue
                 silent = 0
                 self._between_ticks(loop.ticks - 1)
@@ -167,15 +182,6 @@ class Session:
         """The last row says that the robot leans beyond the limit."""
         return any(code == "tipped" for _, _, code in self.supervisor.events)
 
-    def condition(self) -> str:
-        """State in words: with the fault, or with the first reason why the robot is not armed, and the cure."""
-        supervisor = self.supervisor
-        if supervisor.state is State.FAULT:
-            return f"{supervisor.state.name}  {supervisor.fault.code}: {supervisor.fault.sentence}; {supervisor.fault.cure}"
-        if self.refusals and supervisor.state is not State.BALANCING:
-            return f"{supervisor.state.name}  not armed: {self.refusals[0].sentence} {self.refusals[0].cure}"
-        return supervisor.state.name
-
     def _between_ticks(self, tick: int) -> None:
         state = self.supervisor.state
         if tick % ABSORB_EVERY == ABSORB_EVERY - 1:
@@ -183,17 +189,54 @@ class Session:
         if tick % recorder_process.LOOK_EVERY == 0:
             self.recorder.look()
         if state is State.BALANCING:
+            self._imu_good_ns = None
             return
-        if state is State.CALIBRATING and not self.calibration.done:
-            row = self.ring.rows[tick % self.ring.capacity]
-            if self.calibration.take(row["gyro_rad_s"], row["acceleration_m_s2"], row["attitude_rad"]):
-                self.robot.gyro_bias_rad_s = tuple(map(float, self.calibration.bias_rad_s))
-                self.supervisor.calibrated = True
+        now_ns = self.kernel.monotonic_ns()
+        row = self.ring.rows[tick % self.ring.capacity]
+        usable = bool(row["imu_status"] & IMU_OK)
+        if not usable:
+            self.calibration.restart()
+            self._recover_imu()
+        else:
+            self._imu_good_ns = now_ns
+        if usable and state in (State.CALIBRATING, State.DISARMED, State.FAULT) and self.calibration.due(now_ns * 1e-9):
+            self._calibrate(row, now_ns * 1e-9)
         if tick % CHECK_EVERY == 0:
-            self.refusals = failing_checks(
-                self.calibration, self.devices, self.config.battery.minimum_v, self._rate_hz(tick), self.config.realtime.rate_hz
-            )
+            self.refusals = self.prearm.check(now_ns * 1e-9, state is not State.BOOT, self._rate_hz(tick))
             self.supervisor.refusals = sum(refusal.check.bit for refusal in self.refusals)
+
+    def _calibrate(self, row, now_s: float) -> None:
+        measured = row["gyro_rad_s"] + row["gyro_bias_rad_s"]
+        if self.calibration.take(now_s, measured, row["acceleration_m_s2"], row["attitude_rad"]):
+            self.robot.gyro_bias_rad_s = tuple(map(float, self.calibration.bias_rad_s))
+            self.supervisor.calibrated = True
+
+    def _recover_imu(self) -> None:
+        """Resets FIFO and DMP of an IMU that has put the robot into FAULT or keeps it in BOOT, once a second."""
+        now_ns = self.kernel.monotonic_ns()
+        last_ns, self._imu_good_ns = self._imu_good_ns, self._imu_good_ns or now_ns
+        if last_ns is None or self.supervisor.state not in (State.BOOT, State.FAULT) or now_ns - last_ns < RECOVER_AFTER_S * 1e9:
+            return
+        self._imu_good_ns = now_ns
+        try:
+            self.devices.imu.recover()
+        except OSError:
+            pass  # counted by the driver's next read; the next attempt follows
+
+    def why_not_armed(self) -> str:
+        """What stands between the robot and balancing, in a sentence; empty while it balances."""
+        supervisor = self.supervisor
+        if supervisor.state is State.BALANCING:
+            return ""
+        if supervisor.state is State.FAULT:
+            return f"{supervisor.fault.code}: {supervisor.fault.sentence}; {supervisor.fault.cure}"
+        blocking = [refusal for refusal in self.refusals if refusal.check.blocks]
+        if blocking:
+            more = f" (and {len(blocking) - 1} more)" if len(blocking) > 1 else ""
+            return f"not armed: {blocking[0].sentence} {blocking[0].cure}{more}"
+        if supervisor.state is State.ARMING:
+            return f"arming: hold it upright within {math.degrees(self.config.limits.engage_tilt_rad):.0f} deg"
+        return "ready: press the arm button" if supervisor.state is State.DISARMED else "not armed: starting"
 
     def _rate_hz(self, tick: int) -> float:
         """Interrupt rate over the last 200 ticks; the wanted rate before there are that many."""
@@ -234,13 +277,21 @@ class Live:
         lean = math.degrees(math.hypot(row["attitude_rad"][0], row["attitude_rad"][1]))
         text = (
             f"{tick / session.config.realtime.rate_hz:7.1f} s  lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
-            f"  {session.devices.battery_v:4.2f} V  {session.condition()}"
+            f"  {session.devices.battery_v:4.2f} V  {session.supervisor.state.name}"
         )
+        reason = session.why_not_armed()
+        text += f"  {reason}" if reason else limits_in_words(int(row["limits"]))
         trouble = session.recorder.trouble()
         if trouble:
             text += f"  {trouble}"
         end = "\x1b[K\r" if self._terminal else "\n"
         os.write(2, (text + end).encode())
+
+
+def limits_in_words(limits: int) -> str:
+    """The limits applied in a tick that an operator wants to know of."""
+    shown = ("remote_lost", "spin_down", "drive_reduced", "battery_warning", "battery_unknown", "wheels_disagree")
+    return "".join(f"  {frame.LIMIT_SENTENCES[name]}" for name in shown if limits & frame.LIMITS[name])
 
 
 def banner(session: Session, scenario: str, speed: str) -> str:
@@ -262,6 +313,7 @@ def codes() -> dict:
         "state": {str(int(state)): state.name for state in State},
         "fault": {str(number): fault.code for number, fault in FAULT_BY_NUMBER.items()},
         "limits": {str(bit): name for name, bit in frame.LIMITS.items()},
+        "alarms": {str(bit): name for name, bit in frame.ALARMS.items()},
     }
 
 

@@ -1,73 +1,93 @@
 """The supervisor: which state the robot is in, what moves it to another, and the only hands on the motors.
 
-States, conditions and transitions are data; `Supervisor.apply` walks one row after the other of the present state, once a tick.
-A transition fires when all its conditions have held for its time. The robot never arms by itself: the only way out of
-DISARMED is a press of the arm button, then it must be held upright.
+This page is the specification: states, conditions and transitions are data, and `Supervisor.apply` walks the rows of the present state once a
+tick. A transition fires when all its conditions, and none of its blockers, have held for its time. The robot never arms by itself: the only
+way out of DISARMED is a press of the arm button while no pre-arm check fails, then it must be held upright; the only way out of FAULT is the
+button, and that leads to DISARMED. `mip-rt safety` prints these tables; `self_test.py` checks them at every start.
 """
 
 from enum import IntEnum
 from typing import NamedTuple
 
 from mip_rt import frame, prearm
+from mip_rt.faults import FAULT_BY_NUMBER, FAULTS, Fault  # noqa: F401  (others take them from here)
 from mip_rt.guard import LOST, OK
-from mip_rt.hardware.imu_status import IMU_BUS_ERROR, IMU_FROZEN, IMU_OK
+from mip_rt.hardware import imu_status as imu
 
 
 class State(IntEnum):
     """What the robot is doing; the number stands in the frame."""
 
-    BOOT = 0  # waiting for the first good packets of the IMU
-    CALIBRATING = 1  # measuring the gyro's bias while still, waiting for the DMP to agree with gravity
-    DISARMED = 2  # motors off, waiting for the arm button
-    ARMING = 3  # button pressed, waiting to be held upright
+    BOOT = 0
+    CALIBRATING = 1
+    DISARMED = 2
+    ARMING = 3
     BALANCING = 4
-    FAULT = 5  # motors off; the button acknowledges
+    FAULT = 5
+
+
+STATE_SENTENCES = {
+    State.BOOT: "motors off, waiting for the first good packets of the IMU",
+    State.CALIBRATING: "motors off, measuring the gyro's bias while still, waiting for the DMP to agree with gravity",
+    State.DISARMED: "motors off, waiting for the arm button",
+    State.ARMING: "motors off, button pressed, waiting to be held upright",
+    State.BALANCING: "motors on",
+    State.FAULT: "motors off, waiting for the button to acknowledge",
+}
+
+# Conditions are the bits of one number: the supervisor's own, then the frame's imu_status, limits and alarms as they are.
+_STATUS, _LIMITS, _ALARMS = 8, 20, 44
+
+
+def _limit(name: str) -> int:
+    return frame.LIMITS[name] << _LIMITS
 
 
 class Condition:
     """Bits that are true or false in each tick."""
 
-    IMU_GOOD = 1 << 0
-    CALIBRATED = 1 << 1
-    BUTTON = 1 << 2  # pressed since the last tick
-    READY = 1 << 3  # no pre-arm check fails
-    UPRIGHT = 1 << 4
-    TIPPED = 1 << 5
-    IMU_BAD = 1 << 6
-    IMU_IS_FROZEN = 1 << 7
-    NOT_FINITE = 1 << 8
-    MOTOR_ERROR = 1 << 9
-    ESTIMATOR_SICK = 1 << 10
-    GUARD_DROPPED = 1 << 11  # the guard took the enable line away: the loop's heartbeat was too old
-    GUARD_LOST = 1 << 12  # the guard's own heartbeat is too old, or it refuses
+    CALIBRATED = 1 << 0
+    BUTTON = 1 << 1
+    READY = 1 << 2
+    UPRIGHT = 1 << 3
+    MOTOR_ERROR = 1 << 4
+    IMU_BAD = 1 << 5
+    GUARD_DROPPED = 1 << 6
+    GUARD_LOST = 1 << 7
+    IMU_GOOD = imu.IMU_OK << _STATUS
+    IMU_NO_DATA = imu.IMU_NO_DATA << _STATUS
+    IMU_MISALIGNED = imu.IMU_MISALIGNED << _STATUS
+    IMU_BAD_NORM = imu.IMU_BAD_NORM << _STATUS
+    IMU_IS_FROZEN = imu.IMU_FROZEN << _STATUS
+    I2C_ERROR = imu.IMU_BUS_ERROR << _STATUS
+    I2C_TIMEOUT = imu.IMU_BUS_TIMEOUT << _STATUS
+    TIPPED = _limit("tipped")
+    NOT_FINITE = _limit("not_finite")
+    ESTIMATOR_SICK = _limit("estimator_reset")
+    ALARMS = {name: bit << _ALARMS for name, bit in frame.ALARMS.items()}
 
 
-class Fault(NamedTuple):
-    """A reason for being in FAULT: number in the frame, code, sentence, cure."""
-
-    number: int
-    code: str
-    sentence: str
-    cure: str
-
-
-FAULTS = {
-    f.code: f
-    for f in (
-        Fault(0, "none", "", ""),
-        Fault(1, "imu_silent", "the IMU's interrupt stopped", "check the IMU's wiring and the I2C bus; run mip-rt doctor"),
-        Fault(2, "imu_bad", "three ticks in a row brought no usable IMU packet", "check the I2C bus for noise and cable length"),
-        Fault(3, "imu_frozen", "the IMU repeated the same packet", "power-cycle the robot"),
-        Fault(4, "tipped", "the robot leaned too far", "stand it up and press the button twice"),
-        Fault(5, "not_finite", "commands were not finite for three ticks", "send the log to the developers"),
-        Fault(6, "motor_write", "the motors refused a write", "check the motor driver's PWM and GPIO overlays"),
-        Fault(7, "estimator", "the estimator failed three ticks in a row", "send the log to the developers"),
-        Fault(8, "guard_dropped", "the loop stood still for longer than limits.guard_timeout_s, so the guard dropped the enable line",
-              "look for scheduling warnings at the start and for a blocked I2C bus; press the button twice to arm again"),
-        Fault(9, "guard_lost", "the guard process is gone or hangs; it cannot come back", "restart mip-rt; its journal says why the guard ended"),
-    )
+CONDITION_SENTENCES = {
+    Condition.CALIBRATED: "gyro bias known, DMP and accelerometer agree",
+    Condition.BUTTON: "arm button pressed",
+    Condition.READY: "no pre-arm check fails",
+    Condition.UPRIGHT: "lean within limits.engage_tilt_rad",
+    Condition.MOTOR_ERROR: "the motors refused a write",
+    Condition.IMU_BAD: "no usable IMU packet",
+    Condition.GUARD_DROPPED: "the guard took the enable line away: the loop's heartbeat was too old",
+    Condition.GUARD_LOST: "the guard's own heartbeat is too old, or it refuses",
+    Condition.IMU_GOOD: "a usable IMU packet",
+    Condition.IMU_NO_DATA: "the FIFO was empty",
+    Condition.IMU_MISALIGNED: "the FIFO was out of step",
+    Condition.IMU_BAD_NORM: "the quaternion is not of length 1",
+    Condition.IMU_IS_FROZEN: "the tenth equal packet",
+    Condition.I2C_ERROR: "the I2C bus refused twice",
+    Condition.I2C_TIMEOUT: "the I2C bus hung",
+    Condition.TIPPED: frame.LIMIT_SENTENCES["tipped"],
+    Condition.NOT_FINITE: frame.LIMIT_SENTENCES["not_finite"],
+    Condition.ESTIMATOR_SICK: frame.LIMIT_SENTENCES["estimator_reset"],
+    **{Condition.ALARMS[name]: sentence for name, sentence in frame.ALARM_SENTENCES.items()},
 }
-FAULT_BY_NUMBER = {f.number: f for f in FAULTS.values()}
 
 
 class Transition(NamedTuple):
@@ -81,36 +101,49 @@ class Transition(NamedTuple):
 
 
 C = Condition
+THREE_TICKS = 0.015
+# The first row that fires wins, so a fault with a cause comes before the one that only says "bad".
 _FAILURES = (
     Transition(C.GUARD_LOST, 0, 0.0, State.FAULT, "guard_lost"),
     Transition(C.GUARD_DROPPED, 0, 0.0, State.FAULT, "guard_dropped"),  # whatever else is seen after a standstill follows from it
+    Transition(C.I2C_TIMEOUT, 0, 0.0, State.FAULT, "i2c_timeout"),
     Transition(C.IMU_IS_FROZEN, 0, 0.0, State.FAULT, "imu_frozen"),
-    Transition(C.IMU_BAD, 0, 0.015, State.FAULT, "imu_bad"),
+    Transition(C.I2C_ERROR, 0, THREE_TICKS, State.FAULT, "i2c_error"),
+    Transition(C.IMU_MISALIGNED, 0, THREE_TICKS, State.FAULT, "fifo_misaligned"),
+    Transition(C.IMU_BAD_NORM, 0, THREE_TICKS, State.FAULT, "quaternion_invalid"),
+    Transition(C.IMU_NO_DATA, 0, THREE_TICKS, State.FAULT, "imu_no_data"),
+    Transition(C.IMU_BAD, 0, THREE_TICKS, State.FAULT, "imu_bad"),
 )
 TRANSITIONS = {
     State.BOOT: (Transition(C.IMU_GOOD, 0, 0.05, State.CALIBRATING),),
-    State.CALIBRATING: (Transition(C.CALIBRATED, 0, 0.0, State.DISARMED), *_FAILURES),
+    State.CALIBRATING: (*_FAILURES, Transition(C.CALIBRATED, 0, 0.0, State.DISARMED)),
     State.DISARMED: (*_FAILURES, Transition(C.BUTTON | C.READY, 0, 0.0, State.ARMING)),
     State.ARMING: (
         *_FAILURES,
         Transition(C.BUTTON, 0, 0.0, State.DISARMED),
         Transition(0, C.READY, 0.0, State.DISARMED),
         Transition(C.UPRIGHT, 0, "engage_hold_s", State.BALANCING),
+        Transition(0, 0, "arming_timeout_s", State.DISARMED),
     ),
     State.BALANCING: (
         *_FAILURES,
         Transition(C.TIPPED, 0, 0.0, State.FAULT, "tipped"),
-        Transition(C.NOT_FINITE, 0, 0.015, State.FAULT, "not_finite"),
-        Transition(C.ESTIMATOR_SICK, 0, 0.015, State.FAULT, "estimator"),
         Transition(C.MOTOR_ERROR, 0, 0.0, State.FAULT, "motor_write"),
+        Transition(C.NOT_FINITE, 0, THREE_TICKS, State.FAULT, "not_finite"),
+        Transition(C.ESTIMATOR_SICK, 0, THREE_TICKS, State.FAULT, "estimator"),
+        *(Transition(bit, 0, 0.0, State.FAULT, name) for name, bit in C.ALARMS.items()),
         Transition(C.BUTTON, 0, 0.0, State.DISARMED),
     ),
-    State.FAULT: (Transition(C.BUTTON, C.TIPPED | C.IMU_BAD | C.IMU_IS_FROZEN | C.GUARD_LOST, 0.0, State.DISARMED),),
+    State.FAULT: (Transition(C.BUTTON, C.TIPPED | C.IMU_BAD | C.GUARD_LOST, 0.0, State.DISARMED),),
 }
 
 
 class Supervisor:
     """Runs the table and writes the motors.
+
+    Args:
+        motors: the only handle to the motors; nobody else may use it from now on.
+        limits: the configuration's limits section.
 
     Attributes:
         state: the state in force.
@@ -119,6 +152,7 @@ class Supervisor:
         refusals: bits of the pre-arm checks that fail at present (prearm.CHECKS).
         request: bits for frame.request in the next tick.
         drive_scale: soft start, 0 to 1.
+        calibrated: the gyro's bias is known.
     """
 
     EVENTS = 256
@@ -128,8 +162,13 @@ class Supervisor:
         self._scale_step = dt_s / max(soft_start_s, dt_s)
         self._table = {
             state: tuple(
-                (t.conditions, t.blockers, self._ticks(t.hold, limits, dt_s), t.to, FAULTS[t.fault]) for t in rows
+                (t.conditions, t.blockers, self.ticks(t.hold, limits, dt_s), t.to, FAULTS[t.fault]) for t in rows
             )
+            for state, rows in TRANSITIONS.items()
+        }
+        # Without any of these bits no row of the state can hold: most ticks end there.
+        self._triggers = {
+            state: -1 if any(t.conditions == 0 for t in rows) else sum({1 << bit for t in rows for bit in range(64) if t.conditions >> bit & 1})
             for state, rows in TRANSITIONS.items()
         }
         self.state = State.BOOT
@@ -142,11 +181,13 @@ class Supervisor:
         self._button = False
         self._motor_error = False
         self._guard = OK
+        self._counting = False
         self._counts = [0] * max(len(rows) for rows in self._table.values())
         self._motors.off()
 
     @staticmethod
-    def _ticks(hold, limits, dt_s: float) -> int:
+    def ticks(hold, limits, dt_s: float) -> int:
+        """Ticks of a transition's hold time, at least one."""
         seconds = getattr(limits, hold) if isinstance(hold, str) else hold
         return max(1, round(seconds / dt_s))
 
@@ -168,27 +209,22 @@ class Supervisor:
         """The heartbeat, once a tick before `apply`: the loop has come round to this time; and what has become of the guard meanwhile."""
         self._guard = self._motors.beat(now_ns)
 
-    def apply(self, tick: int, imu_status: int, limits: int, upright: bool, duty_ns) -> bool:
+    def apply(self, tick: int, imu_status: int, limits: int, alarms: int, upright: bool, duty_ns) -> bool:
         """Evaluates the table for this tick and writes the motors accordingly.
 
         Args:
             imu_status: bits IMU_* of the tick.
             limits: frame.limits of the tick.
+            alarms: frame.alarms of the tick.
             upright: lean within limits.engage_tilt_rad.
-            duty_ns: three signed pulses.
+            duty_ns: a signed pulse for each motor.
 
         Returns:
             True where the pulses were let through to the motors.
         """
-        conditions = C.IMU_GOOD if imu_status & IMU_OK else C.IMU_BAD
-        if imu_status & IMU_FROZEN:
-            conditions |= C.IMU_IS_FROZEN
-        if limits & frame.LIMIT_TIPPED:
-            conditions |= C.TIPPED
-        if limits & frame.LIMIT_DUTY_REFUSED:
-            conditions |= C.NOT_FINITE
-        if limits & frame.LIMIT_ESTIMATOR_RESET:
-            conditions |= C.ESTIMATOR_SICK
+        conditions = imu_status << _STATUS | limits << _LIMITS | alarms << _ALARMS
+        if not imu_status & imu.IMU_OK:
+            conditions |= C.IMU_BAD
         if upright:
             conditions |= C.UPRIGHT
         if self._button:
@@ -204,18 +240,8 @@ class Supervisor:
             conditions |= C.GUARD_LOST if self._guard == LOST else C.GUARD_DROPPED
 
         self.request &= ~frame.REQUEST_HEADING_RESET
-        counts = self._counts
-        row = 0
-        for required, blocking, ticks, to, fault in self._table[self.state]:
-            if conditions & required == required and not conditions & blocking:
-                counts[row] += 1
-                if counts[row] >= ticks:
-                    self._enter(to, fault, tick)
-                    break
-            else:
-                counts[row] = 0
-            row += 1
-
+        if self._counting or conditions & self._triggers[self.state]:
+            self._walk(conditions, tick)
         if self.state is not State.BALANCING:
             return False
         if not self.request & frame.REQUEST_ENGAGED:  # the step has not run engaged yet: enable, start at zero
@@ -227,6 +253,21 @@ class Supervisor:
             self.drive_scale = min(1.0, self.drive_scale + self._scale_step)
         return not self._motor_error
 
+    def _walk(self, conditions: int, tick: int) -> None:
+        counts = self._counts
+        self._counting = False
+        row = 0
+        for required, blocking, ticks, to, fault in self._table[self.state]:
+            if conditions & required == required and not conditions & blocking:
+                counts[row] += 1
+                self._counting = True
+                if counts[row] >= ticks:
+                    self._enter(to, fault, tick)
+                    return
+            else:
+                counts[row] = 0
+            row += 1
+
     def _enter(self, to: State, fault: Fault, tick: int) -> None:
         if self.state is State.BALANCING:
             self._motors.off()
@@ -234,6 +275,7 @@ class Supervisor:
         self.request = 0
         self.drive_scale = 0.0
         self._motor_error = False
+        self._counting = False
         for i in range(len(self._counts)):
             self._counts[i] = 0
         if to is State.FAULT:

@@ -71,6 +71,8 @@ def broken_rules(config):
     low, high = config.battery.plausible_v
     if not low < high:
         yield "battery.plausible_v", "the first number must be the lower one"
+    if not config.battery.cutoff_v < config.battery.minimum_v <= config.battery.warn_v:
+        yield "battery.cutoff_v", "cutoff_v must be below minimum_v, and that at most warn_v"
     for key, allowed, value in (
         ("imu.accel_range_g", (2, 4, 8, 16), config.imu.accel_range_g),
         ("imu.gyro_range_dps", (250, 500, 1000, 2000), config.imu.gyro_range_dps),

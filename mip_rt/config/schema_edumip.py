@@ -158,7 +158,7 @@ EDUMIP = {
         "levels": Rows(LEVELS, "Held button: spin and drive limit.", entry=MBBR["remote"]["levels"].entry),
     },
     "limits": {
-        **MBBR["limits"],
+        **{key: field for key, field in MBBR["limits"].items() if not key.startswith("spin_")},
         "tip_rad": N(0.85, "Motors off beyond this lean (P).", unit="rad", low=0.1, high=1.4),
         "steering": N(0.5, "Largest part of the command that steers (P).", low=0.05, high=1),
     },

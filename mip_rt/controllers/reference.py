@@ -68,6 +68,9 @@ def step(p, s, velocity_x_m_s, velocity_y_m_s, yaw_rate_rad_s, estimate):
         velocity_x_m_s, velocity_y_m_s: commanded velocity relative to the forward heading (x forward, y left).
         yaw_rate_rad_s: commanded yaw rate.
         estimate: (10,) the estimate in control (robots.mbbr_frame.ESTIMATE_NAMES).
+
+    Returns:
+        True where a reference waits for the robot.
     """
     cosine = math.cos(s.forward_yaw_rad)
     sine = math.sin(s.forward_yaw_rad)
@@ -77,8 +80,12 @@ def step(p, s, velocity_x_m_s, velocity_y_m_s, yaw_rate_rad_s, estimate):
     s.rate_rad_s[1] = low_pass(s.rate_rad_s[1], inertial_x / p.ball_radius_m, p.shaping_pole)
     s.yaw_rate_first_rad_s = low_pass(s.yaw_rate_first_rad_s, yaw_rate_rad_s, p.shaping_pole)
     s.yaw_rate_rad_s = low_pass(s.yaw_rate_rad_s, s.yaw_rate_first_rad_s, p.shaping_pole)
+    held = False
     for i in range(2):
-        angle = s.angle_rad[i] + p.dt_s * s.rate_rad_s[i]
-        s.angle_rad[i] = estimate[8 + i] + limit(angle - estimate[8 + i], p.angle_error_limit_rad)
-    yaw = s.yaw_rad + p.dt_s * s.yaw_rate_rad_s
-    s.yaw_rad = estimate[2] + limit(yaw - estimate[2], p.yaw_error_limit_rad)
+        ahead = s.angle_rad[i] + p.dt_s * s.rate_rad_s[i] - estimate[8 + i]
+        held |= abs(ahead) > p.angle_error_limit_rad
+        s.angle_rad[i] = estimate[8 + i] + limit(ahead, p.angle_error_limit_rad)
+    ahead = s.yaw_rad + p.dt_s * s.yaw_rate_rad_s - estimate[2]
+    held |= abs(ahead) > p.yaw_error_limit_rad
+    s.yaw_rad = estimate[2] + limit(ahead, p.yaw_error_limit_rad)
+    return held

@@ -20,6 +20,9 @@ from mip_rt.controllers.gain_schedule import C1, C2, C3, C4, C5, C6, LOW_PASS_PO
 FILTER_FRAME_INERTIAL = 0
 FILTER_FRAME_YAW = 1
 
+LEAN_LIMITED = 1  # result bits of `step`
+LEAN_RATE_LIMITED = 2
+
 PARAMETERS = np.dtype(
     [
         ("dt_s", "f8"),
@@ -71,7 +74,7 @@ def step(p, s, reference, gains, estimate, error, lean, command):
         command: (3,) out: body command u.
 
     Returns:
-        True where the lean reference was at its limit.
+        LEAN_LIMITED and LEAN_RATE_LIMITED bits: that reference was at its limit.
     """
     cosine = math.cos(estimate[2])
     sine = math.sin(estimate[2])
@@ -102,8 +105,11 @@ def step(p, s, reference, gains, estimate, error, lean, command):
         s.lean_rotated_rad[1] = lean_y
     lean[0] = lean_x
     lean[1] = lean_y
-    lean[2] = limit((lean_x - s.lean_rotated_rad[0]) / p.dt_s, p.lean_rate_limit_rad_s)
-    lean[3] = limit((lean_y - s.lean_rotated_rad[1]) / p.dt_s, p.lean_rate_limit_rad_s)
+    lean_rate_x = (lean_x - s.lean_rotated_rad[0]) / p.dt_s
+    lean_rate_y = (lean_y - s.lean_rotated_rad[1]) / p.dt_s
+    lean[2] = limit(lean_rate_x, p.lean_rate_limit_rad_s)
+    lean[3] = limit(lean_rate_y, p.lean_rate_limit_rad_s)
+    bits = LEAN_RATE_LIMITED if lean[2] != lean_rate_x or lean[3] != lean_rate_y else 0
     s.lean_rotated_rad[0] = lean_x
     s.lean_rotated_rad[1] = lean_y
     # The outer loop is fed with the unfiltered error (low-passed input loses stability) and acts from the next tick on.
@@ -111,7 +117,8 @@ def step(p, s, reference, gains, estimate, error, lean, command):
     next_y = gains[OUTER_POLE] * s.lean_rad[1] + gains[OUTER_GAIN] * filter_y
     s.lean_rad[0] = limit(next_x, p.lean_limit_rad)
     s.lean_rad[1] = limit(next_y, p.lean_limit_rad)
-    limited = s.lean_rad[0] != next_x or s.lean_rad[1] != next_y
+    if s.lean_rad[0] != next_x or s.lean_rad[1] != next_y:
+        bits |= LEAN_LIMITED
 
     angle_x = reference.angle_rad[0] - estimate[8]
     angle_y = reference.angle_rad[1] - estimate[9]
@@ -129,4 +136,4 @@ def step(p, s, reference, gains, estimate, error, lean, command):
     command[0] = -(gains[C1] * error[0] + gains[C2] * error[3] + gains[C3] * error[5] + gains[C4] * error[8])
     command[1] = -(gains[C1] * error[1] + gains[C2] * error[4] + gains[C3] * error[6] + gains[C4] * error[9])
     command[2] = -(gains[C5] * error[2] + gains[C6] * error[7])
-    return limited
+    return bits

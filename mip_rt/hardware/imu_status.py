@@ -8,3 +8,4 @@ IMU_OVERFLOW = 16  # the FIFO ran over
 IMU_BAD_NORM = 32  # the quaternion's norm is not 1
 IMU_FROZEN = 64  # the same packet ten times in a row
 IMU_BUS_ERROR = 128  # the I2C bus refused, also the second time
+IMU_BUS_TIMEOUT = 256  # ... because it hung until the kernel gave up (with IMU_BUS_ERROR)

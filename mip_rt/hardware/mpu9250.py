@@ -5,6 +5,7 @@ wrong comes back as bits (imu_status) and in `counters`.
 """
 
 import ctypes
+import errno
 import math
 import struct
 
@@ -15,6 +16,7 @@ from mip_rt.hardware.imu_status import (
     IMU_BACKLOG,
     IMU_BAD_NORM,
     IMU_BUS_ERROR,
+    IMU_BUS_TIMEOUT,
     IMU_FROZEN,
     IMU_MISALIGNED,
     IMU_NO_DATA,
@@ -175,26 +177,25 @@ class Mpu9250:
                 )
 
     # -- hot path ----------------------------------------------------------------------------------------------------
-    def _transfer(self, prepared) -> bool:
-        try:
-            self._bus.transfer(prepared)
-            return True
-        except OSError as error:
-            if error.errno == 110:  # the kernel has already waited a second: no retry
-                self.counters["bus_errors"] += 1
-                return False
-        try:
-            self._bus.transfer(prepared)
-            return True
-        except OSError:
-            self.counters["bus_errors"] += 1
-            return False
+    def _transfer(self, prepared) -> int:
+        """0, or the bits of what went wrong; one immediate retry, none after a time-out: the kernel has already waited a second."""
+        for _ in range(2):
+            try:
+                self._bus.transfer(prepared)
+                return 0
+            except OSError as error:
+                if error.errno == errno.ETIMEDOUT:
+                    self.counters["bus_errors"] += 1
+                    return IMU_BUS_ERROR | IMU_BUS_TIMEOUT
+        self.counters["bus_errors"] += 1
+        return IMU_BUS_ERROR
 
     def read(self, buffer, offset: int) -> int:
         """Copies the newest packet (32 bytes) to buffer[offset:]; returns the IMU_* bits. Never raises for the bus."""
         self.backlog = 0
-        if not self._transfer(self._read_count):
-            return IMU_BUS_ERROR
+        refused = self._transfer(self._read_count)
+        if refused:
+            return refused
         count_bytes = self._count_bytes
         count = (count_bytes[0] & 0x1F) << 8 | count_bytes[1]
         if count == 0:
@@ -202,8 +203,9 @@ class Mpu9250:
         status = 0
         if count % r.PACKET_BYTES:
             self._kernel.sleep(HALF_WRITTEN_WAIT_S)
-            if not self._transfer(self._read_count):
-                return IMU_BUS_ERROR
+            refused = self._transfer(self._read_count)
+            if refused:
+                return refused
             count = (count_bytes[0] & 0x1F) << 8 | count_bytes[1]
             if count % r.PACKET_BYTES:
                 self.counters["misaligned"] += 1
@@ -213,8 +215,9 @@ class Mpu9250:
             waiting = len(self._packets)
             self.counters["overflows"] += 1
             status |= IMU_OVERFLOW
-        if not self._transfer(self._read_fifo[waiting - 1]):
-            return status | IMU_BUS_ERROR
+        refused = self._transfer(self._read_fifo[waiting - 1])
+        if refused:
+            return status | refused
         if waiting > 1:
             self.backlog = waiting - 1
             self.counters["backlog"] += waiting - 1

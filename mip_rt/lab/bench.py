@@ -117,16 +117,18 @@ def speed(quick: bool) -> dict:
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard"),
+    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard", "alarms"),
                         help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; cost of the log in the "
-                        "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang")  # fmt: skip
+                        "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang; "
+                        "false alarms in ordinary driving")  # fmt: skip
+    parser.add_argument("--hours", metavar="N", type=float, default=1.0, help="alarms: simulated hours of driving")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--quick", action="store_true", help="fewer seeds, ticks or runs")
     batch.add_arguments(parser)
 
 
 def run(arguments) -> int:
-    """Exit code 1 where a robustness draw fell, a log lost more than it may, or the enable line fell too late."""
+    """Exit code 1 where a robustness draw fell, a log lost more than it may, the enable line fell too late, or ordinary driving raised an alarm."""
     if arguments.what == "estimators":
         table = estimators(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(table)) if arguments.json else print_estimators(table)
@@ -134,6 +136,12 @@ def run(arguments) -> int:
         found = robustness(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(found)) if arguments.json else print_robustness(found)
         return int(any(entry[2] for draws in found.values() for entry in draws))
+    elif arguments.what == "alarms":
+        from mip_rt.lab import alarms
+
+        found = alarms.run(arguments.hours, progress)
+        print(json.dumps(found)) if arguments.json else alarms.print_table(found)
+        return int(any(result["faults"] or any(result["graded"].values()) for result in found))
     elif arguments.what.startswith("log"):
         from mip_rt.lab import log_costs, log_damage
 

@@ -19,6 +19,7 @@ from mip_rt.compiled import njit
 from mip_rt.config import scenario as scenarios
 from mip_rt.estimators import mbbr_ekf
 from mip_rt.fake import bench as fake_bench
+from mip_rt.fake.kernel import SAMPLE_NS
 from mip_rt.hardware.i2c import I2cBus
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
@@ -57,6 +58,10 @@ def stubbed_loop():
         session._between_ticks(loop.ticks - 1)
         if session.supervisor.state is State.BALANCING and session.supervisor.drive_scale >= 1.0:
             packets.append(bytes(bench.world.packet))
+    # A stubbed robot neither moves its wheels nor answers its motors: the detectors work, but must not end the measurement.
+    patient = session.robot.parameters[0].health
+    patient.stall_duty_s = patient.mismatch_limit_rad = np.inf
+    patient.saturation_ticks = 1 << 40
     kernel, imu, readable = bench.kernel, loop.devices.imu, os.pipe()
     os.write(readable[1], b"x")
     turn, lone = itertools.cycle(packets), imu._packets[0]
@@ -72,8 +77,8 @@ def stubbed_loop():
     real = Kernel()
     kernel.wait_readable = lambda fd, timeout_s: real.wait_readable(readable[0], timeout_s)
     kernel.monotonic_ns = time.monotonic_ns
-    edge = (kernel._now_ns, 2, 1)
-    loop.devices.imu_line.read = lambda: edge
+    edges = itertools.count(kernel._now_ns, SAMPLE_NS)
+    loop.devices.imu_line.read = lambda: (next(edges), 2, 1)
     bench.guard.patience_s(1e4)  # it lives on the clock that has just been left, and is no part of the tick
     return loop, bench
 
@@ -105,7 +110,7 @@ def parts(name: str, count: int) -> float:
         "imu": lambda: devices.imu.read(ring.buffer, at["imu_packet"]),
         "encoders": devices.read_counts,
         "step": lambda: loop.robot.step(0),
-        "supervisor": lambda: supervisor.apply(0, IMU_OK, 0, True, next(turn)),
+        "supervisor": lambda: supervisor.apply(0, IMU_OK, 0, 0, True, next(turn)),
     }[name]
     begin = time.perf_counter()
     for _ in range(count):

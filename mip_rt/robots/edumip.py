@@ -12,7 +12,7 @@ from mip_rt import frame
 from mip_rt.compiled import njit, numba, record_array
 from mip_rt.controllers import mip_drive, mip_feedback, mip_reference, pid, successive_loop, wheel_drive
 from mip_rt.estimators import complementary, complementary_kf, ekf, mip_ekf, mip_planar_kf
-from mip_rt.robots import edumip_sensors
+from mip_rt.robots import edumip_sensors, health, sensors
 from mip_rt.robots.edumip_frame import FRAME
 
 KIND_EKF, KIND_PLANAR, KIND_COMPLEMENTARY, KIND_COMPLEMENTARY_KF, KIND_DMP = 0, 1, 2, 3, 4
@@ -26,11 +26,13 @@ PARAMETERS = np.dtype(
         ("loops", successive_loop.PARAMETERS),
         ("pid", pid.PARAMETERS),
         ("drive", mip_drive.PARAMETERS),
+        ("health", health.PARAMETERS),
         ("controller", "i8"),
         ("wheel_radius_m", "f8"),
         ("tip_rad", "f8"),
         ("nominal_voltage_v", "f8"),
         ("battery_pole", "f8"),
+        ("battery_hold_ticks", "i8"),  # so long the last good reading counts, then the nominal voltage
     ],
     align=True,
 )
@@ -41,11 +43,13 @@ STATE = np.dtype(
         ("feedback", mip_feedback.STATE),
         ("loops", successive_loop.STATE),
         ("pid", pid.STATE),
+        ("health", health.STATE),
         ("applied", "f8", (2,)),  # u_x, u_z in force since the previous tick, as the estimators are told
         ("measured", "f8", (4,)),
         ("rate", "f8", (1,)),
         ("tilt", "f8", (1,)),
         ("battery_v", "f8"),
+        ("battery_unknown", "i8"),  # ticks without a plausible reading
         ("engaged", "i8"),
     ],
     align=True,
@@ -194,12 +198,16 @@ def _run_estimators(s, ep, es, row, valid, fresh_start):
 
 @njit
 def _battery(p, s, row):
-    """Voltage to scale with: the smoothed plausible reading, or nominal; returns (volts, limit bits)."""
+    """Voltage to scale with: the smoothed reading, the last good one for 2 s, then nominal; returns limit bits."""
     reading = row.battery_v
     if reading > 0.0 and reading < math.inf:
         s.battery_v += (1.0 - p.battery_pole) * (reading - s.battery_v)
-        return s.battery_v, 0
-    return p.nominal_voltage_v, frame.LIMIT_BATTERY_UNKNOWN
+        s.battery_unknown = 0
+        return 0
+    s.battery_unknown += 1
+    if s.battery_unknown >= p.battery_hold_ticks:
+        s.battery_v = p.nominal_voltage_v
+    return frame.LIMIT_BATTERY_UNKNOWN
 
 
 @njit
@@ -209,9 +217,11 @@ def _control(p, s, row):
     estimate = row.estimates[0]
     ref = s.reference
     wheel = estimate[1] + estimate[0]
+    allowed = s.health.allowed
     mip_reference.step(
-        p.reference, ref, row.remote_velocity_m_s[0], row.remote_velocity_m_s[1], row.remote_yaw_rate_rad_s, wheel, estimate[2]
-    )
+        p.reference, ref, allowed * row.remote_velocity_m_s[0], allowed * row.remote_velocity_m_s[1],
+        allowed * row.remote_yaw_rate_rad_s, wheel, estimate[2],
+    )  # fmt: skip
     error = row.error
     error[0] = -estimate[0]
     error[1] = ref.wheel_rad - wheel
@@ -237,9 +247,9 @@ def _control(p, s, row):
         for i in range(mip_feedback.GAINS):
             row.gains[i] = s.feedback.gains[i]
     mip_drive.friction_add(p.drive, estimate[4], estimate[5], row.command_friction)
-    battery_v, battery_limits = _battery(p, s, row)
+    limits |= _battery(p, s, row)
     bits = mip_drive.step(
-        p.drive, row.command_feedback, row.command_friction, row.drive_scale, row.wheel_rate_rad_s, battery_v, row.command_wheel,
+        p.drive, row.command_feedback, row.command_friction, row.drive_scale, row.wheel_rate_rad_s, s.battery_v, row.command_wheel,
         row.command_applied, row.duty, row.duty_ns,
     )  # fmt: skip
     if bits & wheel_drive.CLIPPED:
@@ -252,7 +262,7 @@ def _control(p, s, row):
     row.reference_angle_rad = ref.wheel_rad
     row.reference_yaw_rad[0] = ref.yaw_rad
     row.reference_yaw_rad[1] = ref.yaw_rate_rad_s
-    return limits | battery_limits
+    return limits
 
 
 @njit
@@ -278,6 +288,19 @@ def _rest(row):
         row.command_applied[i] = 0.0
         row.duty[i] = 0.0
         row.duty_ns[i] = 0
+    row.drive_allowed = 1.0
+    row.wheel_mismatch_rad = 0.0
+
+
+@njit
+def _finite(row):
+    """True where estimate, errors and commands of an engaged tick are finite."""
+    total = 0.0
+    for i in range(6):
+        total += row.estimates[0, i] + row.error[i]
+    for i in range(2):
+        total += row.command_feedback[i] + row.command_wheel[i]
+    return abs(total) < math.inf
 
 
 SIGNATURE = numba.void(
@@ -308,15 +331,24 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
     limits = edumip_sensors.step(p.sensors, s.sensors, row)
     valid = mip_ekf.ALL_VALID
     if limits & frame.LIMIT_IMU_MISSING:
-        valid &= ~(GYRO_BIT | ACCELEROMETER_BIT)
+        valid &= ~ACCELEROMETER_BIT
+        if s.sensors.coasted >= sensors.COAST_TICKS:
+            valid &= ~GYRO_BIT
     if limits & frame.LIMIT_ENCODER_JUMP:
         valid &= ~(PHI_BIT | YAW_BIT)
     lean = math.cos(row.attitude_rad[0]) * math.cos(row.attitude_rad[1])
     if not lean > math.cos(p.tip_rad):
         limits |= frame.LIMIT_TIPPED
+    alarms = health.check_timing(p.health, s.health, row, limits)
 
     if row.request & frame.REQUEST_ENGAGED:
         start = s.engaged == 0
+        if start:
+            health.reset(p.health, s.health, row)
+        spin = row.gyro_rad_s[2] * math.cos(row.attitude_rad[0]) + row.gyro_rad_s[1] * math.sin(row.attitude_rad[0])
+        if not health.check_wheels(p.health, s.health, row, spin):
+            limits |= frame.LIMIT_WHEELS_DISAGREE
+            valid &= ~(PHI_BIT | YAW_BIT)
         limits |= _run_estimators(s, estimator_parameters, estimator_states, row, valid, start)
         if start:
             mip_reference.reset(s.reference, row.estimates[0, 1] + row.estimates[0, 0], row.estimates[0, 2])
@@ -326,6 +358,11 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
         if row.request & frame.REQUEST_HEADING_RESET:
             s.reference.yaw_rad = row.estimates[0, 2]
         limits |= _control(p, s, row)
+        if not _finite(row):
+            limits |= frame.LIMIT_NOT_FINITE
+        found, more = health.judge(p.health, s.health, row, row.command_wheel, s.battery_v, limits)
+        alarms |= found
+        limits |= more
         s.engaged = 1
     else:
         s.engaged = 0
@@ -336,6 +373,7 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
         if not row.battery_v > 0.0:
             limits |= frame.LIMIT_BATTERY_UNKNOWN
         s.battery_v = p.nominal_voltage_v if limits & frame.LIMIT_BATTERY_UNKNOWN else row.battery_v
+        s.battery_unknown = p.battery_hold_ticks if limits & frame.LIMIT_BATTERY_UNKNOWN else 0
     for i in range(2):
         applied = row.command_applied[i]
         if not abs(applied) < math.inf:
@@ -343,3 +381,4 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
             limits |= frame.LIMIT_NOT_FINITE
         s.applied[i] = applied
     row.limits = limits
+    row.alarms = alarms

@@ -9,9 +9,9 @@ from mip_rt.errors import ConfigError
 from mip_rt.estimators import complementary, complementary_kf, mip_ekf, mip_planar_kf
 from mip_rt.models import mip, mip_yaw
 from mip_rt.robots import edumip as robot
-from mip_rt.robots import edumip_frame, edumip_sensors, sensors
+from mip_rt.robots import edumip_frame, edumip_sensors, health, sensors
 from mip_rt.robots.edumip_judge import Judge  # noqa: F401  (part of what a setup module offers)
-from mip_rt.robots.robot import Robot, noise
+from mip_rt.robots.robot import BATTERY_HOLD_S, BATTERY_SMOOTHING_RAD_S, Robot, noise
 
 # name: (kind, DMP lean to the controller, model variant or None for the configured one)
 ESTIMATORS = {
@@ -24,7 +24,6 @@ ESTIMATORS = {
     "dmp_ekf": (robot.KIND_EKF, 1, None),
 }
 CONTROLLERS = {"lqr": robot.LQR, "successive_loop": robot.SUCCESSIVE_LOOP, "pid": robot.PID}
-BATTERY_SMOOTHING_RAD_S = 2.0
 NOISE_STEP_S = 0.005  # the step that the configuration's process noise stands for
 
 
@@ -120,6 +119,9 @@ def build(config, shadows=None) -> Robot:
     p.sensors.radius_by_track = config.model.wheel_radius_m / config.model.track_m
     _configure_control(p, config, model[0], dt_s)
     _configure_drive(p.drive, config)
+    p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
+    ratio = p.sensors.radius_by_track
+    health.configure(p.health, config, dt_s, (ratio, -ratio))
     state = np.zeros(1, robot.STATE).view(np.recarray)
     state[0].battery_v = p.nominal_voltage_v
     states = np.zeros(len(names), robot.ESTIMATOR_STATE).view(np.recarray)

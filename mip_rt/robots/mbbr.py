@@ -11,9 +11,9 @@ import numpy as np
 
 from mip_rt import frame
 from mip_rt.compiled import njit, numba, record_array
-from mip_rt.controllers import gain_schedule, reference, state_feedback, wheel_drive
+from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
 from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf, odometry
-from mip_rt.robots import mbbr_sensors
+from mip_rt.robots import health, mbbr_sensors, sensors
 from mip_rt.robots.mbbr_frame import FRAME
 
 KIND_EKF = 0
@@ -26,11 +26,14 @@ PARAMETERS = np.dtype(
         ("schedule", gain_schedule.PARAMETERS),
         ("feedback", state_feedback.PARAMETERS),
         ("drive", wheel_drive.PARAMETERS),
+        ("spin_down", spin_down.PARAMETERS),
+        ("health", health.PARAMETERS),
         ("dt_s", "f8"),
         ("tip_rad", "f8"),
         ("nominal_voltage_v", "f8"),
         ("odometry", "i8"),  # 1: ball angle from encoders and gyro; 0: integral of the filter's ball rate
         ("battery_pole", "f8"),  # smooths the battery reading used for voltage scaling
+        ("battery_hold_ticks", "i8"),  # so long the last good reading counts, then the nominal voltage
     ],
     align=True,
 )
@@ -41,10 +44,14 @@ STATE = np.dtype(
         ("schedule", gain_schedule.STATE),
         ("feedback", state_feedback.STATE),
         ("odometry", odometry.STATE),
+        ("spin_down", spin_down.STATE),
+        ("health", health.STATE),
+        ("spin_coupling_rad_s", "f8"),  # what lean and ball rate add to the spin that the wheels show
         ("applied", "f8", (3,)),  # body command in force since the previous tick, as the estimators are told
         ("measured", "f8", (8,)),
         ("measured_kf", "f8", (6,)),
         ("battery_v", "f8"),
+        ("battery_unknown", "i8"),  # ticks without a plausible reading
         ("engaged", "i8"),
     ],
     align=True,
@@ -64,9 +71,11 @@ _FILTER = ESTIMATOR_STATE.fields["filter"][1]
 ESTIMATOR_PERSISTENT = _FILTER + ekf.PERSISTENT
 ESTIMATE_BYTES = slice(_FILTER + ekf.STATE.fields["x"][1], _FILTER + ekf.STATE.fields["P"][1])
 
-GYRO_BITS = 0b00000111
+GYRO_TILT_BITS = 0b00000011
+GYRO_YAW_BIT = 0b00000100
 ENCODER_BITS = 0b00111000
 ACCELEROMETER_BITS = 0b11000000
+SPINNING_RAD_S = 0.1  # a yaw rate reference beyond this is a spin
 
 
 @njit
@@ -173,12 +182,16 @@ def _run_estimators(p, s, ep, es, row, valid, fresh_start):
 
 @njit
 def _battery(p, s, row):
-    """Voltage to scale with: the smoothed plausible reading, or nominal; returns (volts, limit bits)."""
+    """Voltage to scale with: the smoothed reading, the last good one for 2 s, then nominal; returns limit bits."""
     reading = row.battery_v
     if reading > 0.0 and reading < math.inf:
         s.battery_v += (1.0 - p.battery_pole) * (reading - s.battery_v)
-        return s.battery_v, 0
-    return p.nominal_voltage_v, frame.LIMIT_BATTERY_UNKNOWN
+        s.battery_unknown = 0
+        return 0
+    s.battery_unknown += 1
+    if s.battery_unknown >= p.battery_hold_ticks:
+        s.battery_v = p.nominal_voltage_v
+    return frame.LIMIT_BATTERY_UNKNOWN
 
 
 @njit
@@ -187,28 +200,37 @@ def _control(p, s, row):
     limits = 0
     estimate = row.estimates[0]
     ref = s.reference
-    reference.step(
+    allowed = s.health.allowed
+    losing = s.spin_down.active == 1
+    if reference.step(
         p.reference,
         ref,
-        row.remote_velocity_m_s[0],
-        row.remote_velocity_m_s[1],
-        row.remote_yaw_rate_rad_s,
+        allowed * row.remote_velocity_m_s[0],
+        allowed * row.remote_velocity_m_s[1],
+        0.0 if losing else allowed * row.remote_yaw_rate_rad_s,
         estimate,
-    )
-    gain_schedule.step(p.schedule, s.schedule, ref.yaw_rate_rad_s)
-    if state_feedback.step(
-        p.feedback, s.feedback, ref, s.schedule.gains, estimate, row.error, row.reference_lean_rad, row.command_feedback
     ):
+        limits |= frame.LIMIT_REFERENCE_HELD
+    gain_schedule.step(p.schedule, s.schedule, 0.0 if losing else ref.yaw_rate_rad_s)
+    bits = state_feedback.step(
+        p.feedback, s.feedback, ref, s.schedule.gains, estimate, row.error, row.reference_lean_rad, row.command_feedback
+    )
+    if bits & state_feedback.LEAN_LIMITED:
         limits |= frame.LIMIT_LEAN_LIMITED
+    if bits & state_feedback.LEAN_RATE_LIMITED:
+        limits |= frame.LIMIT_LEAN_RATE_LIMITED
+    spinning = row.remote_yaw_rate_rad_s != 0.0 or abs(ref.yaw_rate_rad_s) > SPINNING_RAD_S
+    if spin_down.step(p.spin_down, s.spin_down, spinning, row.error):
+        limits |= frame.LIMIT_SPIN_DOWN
     wheel_drive.friction_add(p.drive, estimate, row.command_friction)
-    battery_v, battery_limits = _battery(p, s, row)
+    limits |= _battery(p, s, row)
     bits = wheel_drive.step(
         p.drive,
         row.command_feedback,
         row.command_friction,
         row.drive_scale,
         row.wheel_rate_rad_s,
-        battery_v,
+        s.battery_v,
         row.command_wheel,
         row.command_applied,
         row.duty,
@@ -227,7 +249,7 @@ def _control(p, s, row):
     row.reference_yaw_rad[1] = ref.yaw_rate_rad_s
     for i in range(gain_schedule.GAINS):
         row.gains[i] = s.schedule.gains[i]
-    return limits | battery_limits
+    return limits
 
 
 @njit
@@ -258,6 +280,19 @@ def _rest(row):
         row.command_applied[i] = 0.0
         row.duty[i] = 0.0
         row.duty_ns[i] = 0
+    row.drive_allowed = 1.0
+    row.wheel_mismatch_rad = 0.0
+
+
+@njit
+def _finite(row):
+    """True where estimate, errors and commands of an engaged tick are finite."""
+    total = 0.0
+    for i in range(10):
+        total += row.estimates[0, i] + row.error[i]
+    for i in range(3):
+        total += row.command_feedback[i] + row.command_wheel[i]
+    return abs(total) < math.inf
 
 
 SIGNATURE = numba.void(
@@ -288,23 +323,40 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
     limits = mbbr_sensors.step(p.sensors, s.sensors, row)
     valid = mbbr_ekf.ALL_VALID
     if limits & frame.LIMIT_IMU_MISSING:
-        valid &= ~(GYRO_BITS | ACCELEROMETER_BITS)
+        valid &= ~(GYRO_TILT_BITS | ACCELEROMETER_BITS)
+        if s.sensors.coasted >= sensors.COAST_TICKS:  # before that the yaw rate is as good as new, and the model's poorer
+            valid &= ~GYRO_YAW_BIT
     if limits & frame.LIMIT_ENCODER_JUMP:
         valid &= ~ENCODER_BITS
     lean = math.cos(row.attitude_rad[0]) * math.cos(row.attitude_rad[1])
     if not lean > math.cos(p.tip_rad):
         limits |= frame.LIMIT_TIPPED
+    alarms = health.check_timing(p.health, s.health, row, limits)
 
     if row.request & frame.REQUEST_ENGAGED:
         start = s.engaged == 0
+        if start:
+            health.reset(p.health, s.health, row)
+            s.spin_coupling_rad_s = 0.0
+        if not health.check_wheels(p.health, s.health, row, s.spin_coupling_rad_s - row.gyro_rad_s[2]):
+            limits |= frame.LIMIT_WHEELS_DISAGREE
+            valid &= ~ENCODER_BITS
         limits |= _run_estimators(p, s, estimator_parameters, estimator_states, row, valid, start)
         if start:
             reference.reset(s.reference, row.estimates[0, 2], row.estimates[0, 8], row.estimates[0, 9])
             gain_schedule.reset(p.schedule, s.schedule)
             state_feedback.reset(s.feedback)
+            s.spin_down.active = 0
         if row.request & frame.REQUEST_HEADING_RESET:
             s.reference.forward_yaw_rad = row.estimates[0, 2]
         limits |= _control(p, s, row)
+        if not _finite(row):
+            limits |= frame.LIMIT_NOT_FINITE
+        found, more = health.judge(p.health, s.health, row, row.command_wheel, s.battery_v, limits)
+        alarms |= found
+        limits |= more
+        estimate = row.estimates[0]
+        s.spin_coupling_rad_s = estimate[1] * estimate[6] - estimate[0] * estimate[7]
         s.engaged = 1
     else:
         s.engaged = 0
@@ -320,6 +372,7 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
         if not row.battery_v > 0.0:
             limits |= frame.LIMIT_BATTERY_UNKNOWN
         s.battery_v = p.nominal_voltage_v if limits & frame.LIMIT_BATTERY_UNKNOWN else row.battery_v
+        s.battery_unknown = p.battery_hold_ticks if limits & frame.LIMIT_BATTERY_UNKNOWN else 0
     for i in range(3):
         applied = row.command_applied[i]
         if not abs(applied) < math.inf:
@@ -327,3 +380,4 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
             limits |= frame.LIMIT_NOT_FINITE
         s.applied[i] = applied
     row.limits = limits
+    row.alarms = alarms

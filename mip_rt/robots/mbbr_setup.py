@@ -3,15 +3,15 @@
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.controllers import gain_schedule, reference, state_feedback, wheel_drive
+from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
 from mip_rt.controllers.filters import pole_from_rate
 from mip_rt.errors import ConfigError
 from mip_rt.estimators import mbbr_ekf, mbbr_kf
 from mip_rt.models import mbbr, mbbr_linear, mbbr_yaw
 from mip_rt.robots import mbbr as robot
-from mip_rt.robots import mbbr_frame, sensors
+from mip_rt.robots import health, mbbr_frame, sensors
 from mip_rt.robots.mbbr_judge import Judge  # noqa: F401  (part of what a setup module offers)
-from mip_rt.robots.robot import Robot, noise, orthonormal
+from mip_rt.robots.robot import BATTERY_HOLD_S, BATTERY_SMOOTHING_RAD_S, Robot, noise, orthonormal
 
 # name: (kind, DMP attitude to the controller, model variant or None for the configured one, yaw rotation)
 ESTIMATORS = {
@@ -23,7 +23,6 @@ ESTIMATORS = {
     "dmp_kf": (robot.KIND_KF, 1, None, True),
 }
 CONTROLLER = "state_feedback"
-BATTERY_SMOOTHING_RAD_S = 2.0
 
 
 def model_parameters(config):
@@ -85,6 +84,7 @@ def build(config, shadows=None) -> Robot:
     p.nominal_voltage_v = config.motor.nominal_voltage_v
     p.odometry = 1 if config.estimator.odometry == "encoders" else 0
     p.battery_pole = pole_from_rate(BATTERY_SMOOTHING_RAD_S, dt_s)
+    p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
     _configure_sensors(p.sensors, config, dt_s)
     _configure_control(p, config, dt_s)
     state = np.zeros(1, robot.STATE).view(np.recarray)
@@ -114,6 +114,9 @@ def _configure_control(p, config, dt_s) -> None:
     schedule = [(slot.yaw_rate_hz, getattr(c.gain_sets, slot.set)) for slot in c.schedule]
     gain_schedule.configure(p.schedule, schedule, c.blend_rad_s, dt_s)
     state_feedback.configure(p.feedback, dt_s, c.filter_frame, c.lean_limit_rad, c.lean_rate_limit_rad_s)
+    spin_down.configure(p.spin_down, config.limits.spin_down, config.limits.spin_resume)
+    yaw_from_wheel = p.sensors.wheel_ratio * p.sensors.body_from_wheel[2]  # row z: the ball's turn in the body, the opposite of the yaw
+    health.configure(p.health, config, dt_s, yaw_from_wheel)
     d = p.drive
     d.body_from_wheel[:] = p.sensors.body_from_wheel
     d.wheel_ratio = p.sensors.wheel_ratio

@@ -6,6 +6,9 @@ from mip_rt import frame
 from mip_rt.compiled import JIT_DISABLED
 from mip_rt.robots.persistence import Persistence
 
+BATTERY_SMOOTHING_RAD_S = 2.0  # of the voltage that commands are scaled with
+BATTERY_HOLD_S = 2.0  # so long the last plausible reading counts
+
 
 class Robot:
     """The arrays of one robot and its step on them.

@@ -14,12 +14,14 @@ from mip_rt.compiled import njit
 from mip_rt.controllers import filters
 
 IMU_USABLE = 1  # hardware.imu_status.IMU_OK
+COAST_TICKS = 3  # the attitude is carried on by the last body rates for so long, then it stays
 
 
 def parameter_fields(wheels: int) -> list:
     """The fields of a parameter record that the functions here use."""
     return [
         ("rate_hz", "f8"),
+        ("dt_s", "f8"),
         ("mounting", "f8", (3, 3)),  # body = mounting chip
         ("gyro_scale_rad_s", "f8"),  # per count
         ("accel_scale_m_s2", "f8"),  # per count
@@ -39,13 +41,14 @@ def state_fields(wheels: int) -> list:
         ("count_offset", "i8", (wheels,)),  # counts taken back after a jump, so that the angle stays continuous
         ("last_count", "i8", (wheels,)),
         ("started", "i8"),
+        ("coasted", "i8"),  # ticks in a row without a usable packet
     ]
 
 
 def configure(p, config, dt_s: float) -> None:
     """Fills the fields of `parameter_fields` from the imu, motor and encoders sections."""
     motor = config.motor
-    p.rate_hz = 1.0 / dt_s
+    p.rate_hz, p.dt_s = 1.0 / dt_s, dt_s
     p.mounting[:] = config.imu.mounting
     p.gyro_scale_rad_s = math.radians(config.imu.gyro_range_dps) / 32768.0
     p.accel_scale_m_s2 = config.imu.accel_range_g * 9.80665 / 32768.0
@@ -72,7 +75,10 @@ def _int32(packet, at):
 
 @njit
 def read_imu(p, s, row):
-    """Fills quaternion, attitude, gyro and acceleration of the row; returns True where they are fresh and plausible."""
+    """Fills quaternion, attitude, gyro and acceleration of the row; returns True where they are fresh and plausible.
+
+    Over a lost packet the attitude is carried on by the last body rates, so that neither the gap nor its end is a step.
+    """
     packet = row.imu_packet
     fresh = (row.imu_status & IMU_USABLE) != 0
     if fresh:
@@ -104,6 +110,13 @@ def read_imu(p, s, row):
                 rate += p.mounting[i, k] * _int16(packet, 22 + 2 * k)
             s.gyro_rad_s[i] = rate * p.gyro_scale_rad_s - row.gyro_bias_rad_s[i]
             s.acceleration_m_s2[i] = -force * p.accel_scale_m_s2
+        s.coasted = 0
+    elif s.coasted < COAST_TICKS:
+        s.coasted += 1
+        roll = s.attitude_rad[0]
+        s.attitude_rad[0] += p.dt_s * (s.gyro_rad_s[0] + s.attitude_rad[1] * s.gyro_rad_s[2])  # small lean, as in mbbr_ekf.reset
+        s.attitude_rad[1] += p.dt_s * (s.gyro_rad_s[1] - roll * s.gyro_rad_s[2])
+        s.attitude_rad[2] += p.dt_s * s.gyro_rad_s[2]
     for i in range(4):
         row.quaternion[i] = s.quaternion[i]
     for i in range(3):

@@ -17,14 +17,6 @@ def script(*events):
     return Scenario("test", "", 10.0, [Event(**event) for event in events])
 
 
-@pytest.fixture
-def balancing(tmp_path):
-    with DryRun(tmp_path) as dry:
-        dry.until(lambda: dry.state is State.BALANCING)
-        dry.until(lambda: dry.motors_on(), 1.0)
-        yield dry
-
-
 def fault(dry):
     return dry.session.supervisor.fault.code
 
@@ -67,7 +59,7 @@ def test_dead_bus_switches_off_within_50_ms(balancing, error):
 
     balancing.bench.kernel.bus.before = refuse
     assert balancing.until(lambda: not balancing.motors_on(), 0.2) <= 0.050
-    assert fault(balancing) == "imu_bad"
+    assert fault(balancing) == ("i2c_timeout" if error == errno.ETIMEDOUT else "i2c_error")
 
 
 def test_one_lost_packet_is_coasted_over(balancing):
@@ -185,25 +177,6 @@ def test_motors_are_off_after_an_exception(tmp_path):
         assert not dry.motors_on() and not dry.session.devices.motors.enabled
 
 
-def test_only_the_supervisor_reaches_the_motors():
-    """No module but the supervisor calls a motor handle; devices opens it, run hands it over."""
-    import re
-    from pathlib import Path
-
-    import mip_rt
-
-    package = Path(mip_rt.__file__).parent
-    allowed = {"supervisor.py", "devices.py", "session.py", "motors.py", "pwm.py"}
-    found = [
-        path.name
-        for path in package.rglob("*.py")
-        if path.name not in allowed and "fake" not in path.parts and re.search(r"Motors\(|motors\.(write|enable|off|start)\(|PwmChannel\(", path.read_text())
-    ]
-    assert found == []
-    text = (package / "session.py").read_text()
-    assert re.findall(r"motors\.\w+\(", text) == []
-
-
 class FakeMotors(SimpleNamespace):
     """Remembers what was written."""
 
@@ -232,5 +205,5 @@ def test_no_duty_leaves_the_supervisor_outside_balancing(state):
     supervisor.state = state
     supervisor.refusals = CHECKS["battery_low"].bit
     for tick in range(3):
-        assert supervisor.apply(tick, IMU_OK, 0, True, (1000, 1000, 1000)) is False
+        assert supervisor.apply(tick, IMU_OK, 0, 0, True, (1000, 1000, 1000)) is False
     assert motors.written == [] and not motors.enabled

@@ -13,6 +13,7 @@ from mip_rt.hardware.imu_status import (
     IMU_BACKLOG,
     IMU_BAD_NORM,
     IMU_BUS_ERROR,
+    IMU_BUS_TIMEOUT,
     IMU_FROZEN,
     IMU_MISALIGNED,
     IMU_NO_DATA,
@@ -254,7 +255,7 @@ def test_a_timed_out_bus_is_not_tried_again(started):
         raise OSError(errno.ETIMEDOUT, "injected")
 
     clock.bus.before = before
-    assert imu.read(bytearray(32), 0) == IMU_BUS_ERROR and len(calls) == 1
+    assert imu.read(bytearray(32), 0) == IMU_BUS_ERROR | IMU_BUS_TIMEOUT and len(calls) == 1
 
 
 def test_latched_line_gives_edges_again_after_a_timeout(tmp_path):

@@ -239,19 +239,123 @@ static double target_gain(ScheduleP *p, int g, double rate)
     return p->gains[last][g];
 }
 
-static void control(RobotP *p, RobotS *s, Frame *row)
+/* Bits of frame.limits that the step reads back, and of frame.alarms. */
+enum { IMU_MISSING = 1, NOT_FINITE = 4, LEAN_LIMITED = 16, SATURATED = 32, JUMP = 512, RATE_LIMITED = 1 << 13, HELD = 1 << 14, DISAGREE = 1 << 15,
+       REDUCED = 1 << 16, SPIN_DOWN = 1 << 17, WARNING = 1 << 18 };
+enum { A_UNRELIABLE = 1, A_RATE = 2, A_STATIC = 4, A_JUMP = 8, A_SIGN = 16, A_SLIP = 32, A_LIFTED = 64, A_SATURATED = 128, A_LOW = 256, A_OVERRUN = 512 };
+
+static int check_timing(HealthP *p, HealthS *s, Frame *row, int64_t limits)
 {
+    int alarms = 0;
+    s->missing = p->missing_pole * s->missing + (1.0 - p->missing_pole) * (limits & IMU_MISSING ? 1.0 : 0.0);
+    if (!(s->missing <= 0.3)) alarms |= A_UNRELIABLE;
+    double error = 0.0;
+    if (s->edge_ns) error = (row->edge_ns - s->edge_ns) * 1e-9 - (row->missed + 1) * p->dt_s;
+    s->edge_ns = row->edge_ns;
+    s->interval_error_s = p->rate_pole * s->interval_error_s + (1.0 - p->rate_pole) * error;
+    if (!(fabs(s->interval_error_s) <= p->rate_tolerance_s)) alarms |= A_RATE;
+    s->overrun = p->overrun_pole * s->overrun + (1.0 - p->overrun_pole) * row->missed;
+    if (!(s->overrun <= 0.5)) alarms |= A_OVERRUN;
+    return alarms;
+}
+
+static int check_wheels(HealthP *p, HealthS *s, Frame *row, double yaw_rate)
+{
+    double mismatch = 0.0;
+    for (int i = 0; i < p->wheels; i++) {
+        double moved = row->wheel_angle_rad[i] - s->wheel_angle_rad[i];
+        s->wheel_angle_rad[i] = row->wheel_angle_rad[i];
+        mismatch += s->part_rad[i] = p->mismatch_pole * s->part_rad[i] + p->yaw_from_wheel[i] * moved;
+        if (moved == 0.0) { s->still[i]++; s->stalled_s[i] += p->dt_s * fabs(s->duty[i]); }
+        else { s->still[i] = 0; s->stalled_s[i] = 0.0; }
+    }
+    s->yaw_rad = p->mismatch_pole * s->yaw_rad + p->dt_s * yaw_rate;
+    row->wheel_mismatch_rad = mismatch -= s->yaw_rad;
+    if (fabs(mismatch) <= p->mismatch_limit_rad) { s->disagree = 0; return 1; }
+    s->disagree++;
+    return 0;
+}
+
+static int reversed_wheels(HealthP *p, HealthS *s, double mismatch)
+{
+    for (int some = 1; some < 1 << p->wheels; some++) {
+        double total = 0.0;
+        for (int i = 0; i < p->wheels; i++) if (some >> i & 1) total += 2.0 * s->part_rad[i];
+        if (fabs(mismatch - total) < 0.35 * fabs(mismatch)) return 1;
+    }
+    return 0;
+}
+
+static int judge(HealthP *p, HealthS *s, Frame *row, double battery, int64_t *limits)
+{
+    int alarms = 0;
+    double fastest = 0.0, clipped = 0.0, allowed = 1.0;
+    for (int i = 0; i < p->wheels; i++) {
+        fastest = fmax(fastest, fabs(row->wheel_rate_rad_s[i]));
+        if (s->stalled_s[i] > p->stall_duty_s || (s->still[i] >= p->still_ticks && fabs(row->wheel_mismatch_rad) > 0.3 * p->mismatch_limit_rad)) alarms |= A_STATIC;
+    }
+    if (s->disagree >= p->sign_ticks && !alarms) {
+        if (reversed_wheels(p, s, row->wheel_mismatch_rad)) alarms |= A_SIGN;
+        else if (s->disagree >= p->slip_ticks) alarms |= A_SLIP;
+    }
+    s->racing = fastest < p->race_rad_s ? 0 : s->racing + 1;
+    if (s->racing >= p->race_ticks) alarms |= A_LIFTED;
+    s->jumps *= p->jump_pole;
+    if (*limits & JUMP) { s->jumps += 1.0; if (s->jumps > 4.0) alarms |= A_JUMP; }
+    if (*limits & SATURATED) {
+        double largest = 0.0;
+        clipped = 1.0;
+        for (int i = 0; i < p->wheels; i++) largest = fmax(largest, fabs(row->command_wheel[i]));
+        for (int i = 0; i < p->wheels; i++) {
+            int64_t run = 0, before = s->clipped[i];
+            if (row->command_wheel[i] == largest) run = (before > 0 ? before : 0) + 1;
+            else if (row->command_wheel[i] == -largest) run = (before < 0 ? before : 0) - 1;
+            s->clipped[i] = run;
+            if ((run < 0 ? -run : run) >= p->saturation_ticks) alarms |= A_SATURATED;
+        }
+    } else for (int i = 0; i < p->wheels; i++) s->clipped[i] = 0;
+    s->saturation = p->saturation_pole * s->saturation + (1.0 - p->saturation_pole) * clipped;
+    for (int i = 0; i < p->wheels; i++) s->duty[i] = row->duty[i];
+    s->low = battery < p->cutoff_v ? s->low + 1 : 0;
+    if (s->low >= p->battery_ticks) alarms |= A_LOW;
+    if (battery < p->warn_v) { *limits |= WARNING; allowed = fmin(1.0, fmax(0.0, (battery - p->cutoff_v) / (p->minimum_v - p->cutoff_v))); }
+    if (s->saturation > 0.4) allowed = fmin(allowed, fmax(0.0, 1.0 - (s->saturation - 0.4) / (1.0 - 0.4)));
+    row->drive_allowed = s->allowed = fmin(allowed, s->allowed + p->recovery);
+    if (s->allowed < 1.0) *limits |= REDUCED;
+    return alarms;
+}
+
+static int spin_down(SpinDownP *p, SpinDownS *s, int spinning, const double *e)
+{
+    double lean = e[0] * e[0] + e[1] * e[1], angle = e[3] * e[3] + e[4] * e[4], speed = e[8] * e[8] + e[9] * e[9];
+    if (s->active) {
+        if (lean < p->leave_squared[0] && angle < p->leave_squared[1] && speed < p->leave_squared[2]) s->active = 0;
+    } else if (spinning && !(lean <= p->enter_squared[0] && angle <= p->enter_squared[1] && speed <= p->enter_squared[2])) s->active = 1;
+    return s->active == 1;
+}
+
+static int64_t control(RobotP *p, RobotS *s, Frame *row)
+{
+    int64_t limits = 0;
+    double allowed = s->health.allowed, vx = allowed * row->remote_velocity_m_s[0], vy = allowed * row->remote_velocity_m_s[1];
+    double spin = s->spin_down.active ? 0.0 : allowed * row->remote_yaw_rate_rad_s, ahead;
     double *e = row->estimates[0], c, n;
     ReferenceP *rp = &p->reference; ReferenceS *r = &s->reference; DriveP *d = &p->drive; FeedbackS *f = &s->feedback;
     c = cos(r->forward_yaw_rad); n = sin(r->forward_yaw_rad);
-    double ix = c * row->remote_velocity_m_s[0] - n * row->remote_velocity_m_s[1], iy = n * row->remote_velocity_m_s[0] + c * row->remote_velocity_m_s[1];
+    double ix = c * vx - n * vy, iy = n * vx + c * vy;
     r->rate_rad_s[0] = low_pass(r->rate_rad_s[0], -iy / rp->ball_radius_m, rp->shaping_pole);
     r->rate_rad_s[1] = low_pass(r->rate_rad_s[1], ix / rp->ball_radius_m, rp->shaping_pole);
-    r->yaw_rate_first_rad_s = low_pass(r->yaw_rate_first_rad_s, row->remote_yaw_rate_rad_s, rp->shaping_pole);
+    r->yaw_rate_first_rad_s = low_pass(r->yaw_rate_first_rad_s, spin, rp->shaping_pole);
     r->yaw_rate_rad_s = low_pass(r->yaw_rate_rad_s, r->yaw_rate_first_rad_s, rp->shaping_pole);
-    for (int i = 0; i < 2; i++) r->angle_rad[i] = e[8 + i] + limit(r->angle_rad[i] + rp->dt_s * r->rate_rad_s[i] - e[8 + i], rp->angle_error_limit_rad);
-    r->yaw_rad = e[2] + limit(r->yaw_rad + rp->dt_s * r->yaw_rate_rad_s - e[2], rp->yaw_error_limit_rad);
-    double *g = s->schedule.gains, rate = fabs(r->yaw_rate_rad_s);
+    for (int i = 0; i < 2; i++) {
+        ahead = r->angle_rad[i] + rp->dt_s * r->rate_rad_s[i] - e[8 + i];
+        if (fabs(ahead) > rp->angle_error_limit_rad) limits |= HELD;
+        r->angle_rad[i] = e[8 + i] + limit(ahead, rp->angle_error_limit_rad);
+    }
+    ahead = r->yaw_rad + rp->dt_s * r->yaw_rate_rad_s - e[2];
+    if (fabs(ahead) > rp->yaw_error_limit_rad) limits |= HELD;
+    r->yaw_rad = e[2] + limit(ahead, rp->yaw_error_limit_rad);
+    double *g = s->schedule.gains, rate = s->spin_down.active ? 0.0 : fabs(r->yaw_rate_rad_s);
     for (int i = 0; i < 9; i++) g[i] = low_pass(g[i], target_gain(&p->schedule, i, rate), p->schedule.blend_pole);
     c = cos(e[2]); n = sin(e[2]);
     double ex = r->rate_rad_s[0] - (c * e[6] - n * e[7]), ey = r->rate_rad_s[1] - (n * e[6] + c * e[7]), fx = ex, fy = ey;
@@ -262,28 +366,35 @@ static void control(RobotP *p, RobotS *s, Frame *row)
     if (!p->feedback.filter_frame) { t = rx; rx = c * t + n * ry; ry = -n * t + c * ry; t = lx; lx = c * t + n * ly; ly = -n * t + c * ly; }
     if (f->first) { f->first = 0; f->lean_rotated_rad[0] = lx; f->lean_rotated_rad[1] = ly; }
     lean[0] = lx; lean[1] = ly;
-    lean[2] = limit((lx - f->lean_rotated_rad[0]) / p->feedback.dt_s, p->feedback.lean_rate_limit_rad_s);
-    lean[3] = limit((ly - f->lean_rotated_rad[1]) / p->feedback.dt_s, p->feedback.lean_rate_limit_rad_s);
+    double lrx = (lx - f->lean_rotated_rad[0]) / p->feedback.dt_s, lry = (ly - f->lean_rotated_rad[1]) / p->feedback.dt_s;
+    lean[2] = limit(lrx, p->feedback.lean_rate_limit_rad_s);
+    lean[3] = limit(lry, p->feedback.lean_rate_limit_rad_s);
+    if (lean[2] != lrx || lean[3] != lry) limits |= RATE_LIMITED;
     f->lean_rotated_rad[0] = lx; f->lean_rotated_rad[1] = ly;
-    f->lean_rad[0] = limit(g[7] * f->lean_rad[0] + g[6] * fx, p->feedback.lean_limit_rad);
-    f->lean_rad[1] = limit(g[7] * f->lean_rad[1] + g[6] * fy, p->feedback.lean_limit_rad);
+    double nx = g[7] * f->lean_rad[0] + g[6] * fx, ny = g[7] * f->lean_rad[1] + g[6] * fy;
+    f->lean_rad[0] = limit(nx, p->feedback.lean_limit_rad);
+    f->lean_rad[1] = limit(ny, p->feedback.lean_limit_rad);
+    if (f->lean_rad[0] != nx || f->lean_rad[1] != ny) limits |= LEAN_LIMITED;
     double ax = r->angle_rad[0] - e[8], ay = r->angle_rad[1] - e[9], *er = row->error, *u = row->command_feedback, *add = row->command_friction;
     er[0] = lx - e[0]; er[1] = ly - e[1]; er[2] = r->yaw_rad - e[2]; er[3] = c * ax + n * ay; er[4] = -n * ax + c * ay;
     er[5] = lean[2] - e[3]; er[6] = lean[3] - e[4]; er[7] = r->yaw_rate_rad_s - e[5]; er[8] = rx; er[9] = ry;
     u[0] = -(g[0] * er[0] + g[1] * er[3] + g[2] * er[5] + g[3] * er[8]);
     u[1] = -(g[0] * er[1] + g[1] * er[4] + g[2] * er[6] + g[3] * er[9]);
     u[2] = -(g[4] * er[2] + g[5] * er[7]);
+    if (spin_down(&p->spin_down, &s->spin_down, row->remote_yaw_rate_rad_s != 0.0 || fabs(r->yaw_rate_rad_s) > 0.1, er)) limits |= SPIN_DOWN;
     double k = d->friction_smoothing_s_rad;
     add[0] = d->friction_level * friction(e[6] - e[3] + e[1] * e[5], k);
     add[1] = d->friction_level * friction(e[7] - e[4] - e[0] * e[5], k);
     add[2] = d->friction_level * friction(-e[5] - e[0] * e[7] + e[1] * e[6], k);
-    double volts = p->nominal_voltage_v;
-    if (row->battery_v > 0.0 && row->battery_v < INFINITY) { s->battery_v += (1.0 - p->battery_pole) * (row->battery_v - s->battery_v); volts = s->battery_v; }
-    double available = fmin(d->command_limit, volts / d->nominal_voltage_v);
+    if (row->battery_v > 0.0 && row->battery_v < INFINITY) { s->battery_v += (1.0 - p->battery_pole) * (row->battery_v - s->battery_v); s->battery_unknown = 0; }
+    else if (++s->battery_unknown >= p->battery_hold_ticks) s->battery_v = p->nominal_voltage_v;
+    double volts = s->battery_v, available = fmin(d->command_limit, volts / d->nominal_voltage_v);
     for (int i = 0; i < 3; i++) {
         double command = 0;
         for (int j = 0; j < 3; j++) command += d->body_from_wheel[j][i] * (u[j] + add[j]);
-        row->command_wheel[i] = limit(command * d->wheel_ratio * row->drive_scale, available);
+        command *= d->wheel_ratio * row->drive_scale;
+        row->command_wheel[i] = limit(command, available);
+        if (row->command_wheel[i] != command) limits |= SATURATED;
     }
     for (int j = 0; j < 3; j++) {
         double total = 0;
@@ -300,13 +411,16 @@ static void control(RobotP *p, RobotS *s, Frame *row)
     for (int i = 0; i < 2; i++) { row->reference_velocity_rad_s[i] = r->rate_rad_s[i]; row->reference_angle_rad[i] = r->angle_rad[i]; }
     row->reference_yaw_rad[0] = r->yaw_rad; row->reference_yaw_rad[1] = r->yaw_rate_rad_s;
     memcpy(row->gains, g, sizeof row->gains);
+    return limits;
 }
 
 /* One engaged tick with one EKF; the first tick (reset) is left to the caller. */
 void robot_step(RobotP *p, RobotS *s, EstimatorP *ep, EstimatorS *es, Frame *row)
 {
     int missing = sensors(&p->sensors, &s->sensors, row);
-    int64_t valid = 255 & ~(missing & 1 ? 0xC7 : 0) & ~(missing & 2 ? 0x38 : 0);
+    int64_t limits = (missing & 1 ? IMU_MISSING : 0) | (missing & 2 ? JUMP : 0), valid = 255 & ~(missing & 1 ? 0xC3 : 0) & ~(missing & 2 ? 0x38 : 0);
+    int64_t alarms = check_timing(&p->health, &s->health, row, limits);
+    if (!check_wheels(&p->health, &s->health, row, s->spin_coupling_rad_s - row->gyro_rad_s[2])) { limits |= DISAGREE; valid &= ~0x38; }
     for (int i = 0; i < 3; i++) { s->measured[i] = row->gyro_rad_s[i]; s->measured[3 + i] = row->body_angle_rad[i]; }
     s->measured[6] = row->acceleration_m_s2[0]; s->measured[7] = row->acceleration_m_s2[1];
     for (int i = 0; i < 2; i++) {
@@ -334,7 +448,14 @@ void robot_step(RobotP *p, RobotS *s, EstimatorP *ep, EstimatorS *es, Frame *row
     e[8] = es->ball_angle_rad[0]; e[9] = es->ball_angle_rad[1];
     for (int i = 0; i < 16; i++) { row->state_estimate[i] = x[i]; row->state_variance[i] = es->filter.P[i][i]; }
     memcpy(row->innovation, es->filter.innovation, sizeof row->innovation);
-    control(p, s, row);
+    limits |= control(p, s, row);
+    double total = 0.0;
+    for (int i = 0; i < 10; i++) total += e[i] + row->error[i];
+    for (int i = 0; i < 3; i++) total += row->command_feedback[i] + row->command_wheel[i];
+    if (!(fabs(total) < INFINITY)) limits |= NOT_FINITE;
+    alarms |= judge(&p->health, &s->health, row, s->battery_v, &limits);
+    s->spin_coupling_rad_s = e[1] * e[6] - e[0] * e[7];
+    row->limits = limits; row->alarms = alarms;
     for (int i = 0; i < 3; i++) s->applied[i] = fabs(row->command_applied[i]) < INFINITY ? row->command_applied[i] : 0.0;
 }
 

@@ -1,0 +1,119 @@
+"""What is known of this unit before it may balance: the gyro's bias from a still window, and the unit's calibration file.
+
+The bias that counts is always the one measured since the start, because it moves with temperature: at the start the robot must be still for a
+second, and while its motors are off every later still second renews it. The file (written when the unit is calibrated) is optional; where there is
+one, the bias at the start must be near the file's, which finds an IMU that was exchanged or is failing.
+"""
+
+import json
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from mip_rt.errors import MipRtError
+from mip_rt.prearm import refusal
+
+STILL_S = 1.0  # length of the window in which the robot must be still
+STILL_SPREAD_RAD_S = 0.05  # largest standard deviation of the gyro in it
+LARGEST_BIAS_RAD_S = 0.35  # 20 deg/s: the data sheet's zero-rate output is within 5
+AGREEMENT_RAD = 0.05  # DMP against accelerometer, averaged over the window
+RENEW_AFTER_S = 60.0
+
+
+class GyroCalibration:
+    """Gyro bias and convergence of the DMP, from windows of stillness.
+
+    Attributes:
+        bias_rad_s: (3,) once `done`.
+        measured_s: when it was measured, monotonic seconds; minus infinity before.
+        reason: Refusal that says why the last window did not count; None where it did.
+    """
+
+    def __init__(self, rate_hz: float):
+        self._window = round(STILL_S * rate_hz)
+        self._gyro = np.zeros((self._window, 3))
+        self._force = np.zeros((self._window, 3))
+        self._lean = np.zeros((self._window, 2))
+        self._filled = 0
+        self.bias_rad_s = np.zeros(3)
+        self.measured_s = -math.inf
+        self.reason = refusal("calibrating")
+
+    @property
+    def done(self) -> bool:
+        """A still window was found, and the DMP agreed with gravity, at some time since the start."""
+        return self.measured_s > -math.inf
+
+    def due(self, now_s: float) -> bool:
+        """The bias is missing or should be measured anew when there is an opportunity."""
+        return now_s - self.measured_s > RENEW_AFTER_S
+
+    def take(self, now_s: float, gyro_rad_s, acceleration_m_s2, attitude_rad) -> bool:
+        """One tick's sensors, gyro without bias correction; True when a window was completed and counts."""
+        i = self._filled
+        self._gyro[i], self._force[i], self._lean[i] = gyro_rad_s, acceleration_m_s2, attitude_rad[:2]
+        self._filled += 1
+        if self._filled < self._window:
+            return False
+        self._filled = 0
+        self.reason = self._judge()
+        if self.reason is not None:
+            return False
+        self.bias_rad_s = self._gyro.mean(axis=0)
+        self.measured_s = now_s
+        return True
+
+    def restart(self) -> None:
+        """Forgets an unfinished window, because ticks without good packets lie in it."""
+        self._filled = 0
+
+    def _judge(self):
+        mean, spread = self._gyro.mean(axis=0), self._gyro.std(axis=0)
+        if not spread.max() <= STILL_SPREAD_RAD_S:
+            return refusal("not_still", f"the robot moves: the gyro varies by {spread.max():.3f} rad/s.")
+        if not np.abs(mean).max() <= LARGEST_BIAS_RAD_S:
+            return refusal("gyro_bias", f"the gyro's rate at rest is {np.abs(mean).max():.2f} rad/s.")
+        down = self._force.mean(axis=0)  # the papers' accelerometer at rest points down
+        down /= np.linalg.norm(down)
+        roll, pitch = self._lean.mean(axis=0)
+        said = (math.sin(pitch), -math.sin(roll) * math.cos(pitch), -math.cos(roll) * math.cos(pitch))
+        apart = math.asin(min(1.0, float(np.linalg.norm(np.cross(down, said)))))
+        if not (apart <= AGREEMENT_RAD and down @ said > 0.0):
+            return refusal("attitude_disagrees", f"DMP and accelerometer differ by {math.degrees(apart):.1f} deg.")
+        return None
+
+
+@dataclass
+class UnitFile:
+    """A unit's calibration file: JSON with unit, measured_unix_s, gyro_bias_rad_s."""
+
+    unit: str
+    measured_unix_s: float
+    gyro_bias_rad_s: tuple
+
+    def describe(self) -> str:
+        """Which unit, and how old."""
+        return f"unit {self.unit}, {max(0.0, time.time() - self.measured_unix_s) / 86400.0:.0f} days old"
+
+
+def load_unit_file(path: Path) -> UnitFile | None:
+    """The file's content; None where there is no file.
+
+    Raises:
+        MipRtError: calibration_invalid, with what is wrong.
+    """
+    try:
+        content = json.loads(path.read_text())
+        bias = tuple(float(value) for value in content["gyro_bias_rad_s"])
+        unit = UnitFile(str(content["unit"]), float(content["measured_unix_s"]), bias)
+        if len(bias) != 3 or not all(math.isfinite(value) for value in (*bias, unit.measured_unix_s)):
+            raise ValueError("three finite numbers are wanted in gyro_bias_rad_s, and a time in measured_unix_s")
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        problem = f"{type(error).__name__}: {error}"
+        raise MipRtError(f"the calibration file {path} cannot be used: {problem}.", "Repair or remove it.", "calibration_invalid") from error
+    return unit
