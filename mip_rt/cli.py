@@ -11,8 +11,8 @@ from typing import NamedTuple
 from mip_rt import __version__
 from mip_rt.errors import ConfigError, MipRtError
 
-EXIT_CODES = """exit codes: 0 clean stop, 1 the robot fell or ended in a fault, 2 bad arguments or configuration,
-3 a device refused"""
+EXIT_CODES = """exit codes: 0 clean stop, 1 the robot fell or ended in a fault (replay: something differs), 2 bad arguments or configuration,
+3 a device refused, 4 this is no BeagleBone"""
 
 
 class Verb(NamedTuple):
@@ -25,9 +25,13 @@ class Verb(NamedTuple):
 
 VERBS = {
     "config": Verb("mip_rt.config.commands", "check, show, template or document the configuration", "mip-rt config check --config my.yaml"),
+    "replay": Verb("mip_rt.log.replay", "run a log again through the same code; equality is asserted", "mip-rt replay dry-run-hold-seed1.ring"),
+    "log": Verb("mip_rt.log.commands", "look into a log: info, plot, export, tail, diff, spectrum", "mip-rt log info"),
+    "monitor": Verb("mip_rt.monitor.commands", "watch a running loop: terminal, JSON lines or web page", "mip-rt monitor --web"),
     "warm-up": Verb("mip_rt.warm_up", "compile everything and keep it", "mip-rt warm-up"),
     "safety": Verb("mip_rt.safety", "print states, transitions, faults, limits and pre-arm checks as Markdown", "mip-rt safety"),
     "bench": Verb("mip_rt.lab.bench", "measure costs, estimators, robustness", "mip-rt bench steps"),
+    "soak": Verb("mip_rt.lab.soak", "faults at random over hours of virtual time, promises checked", "mip-rt soak --hours 10"),
 }
 RUN = Verb("mip_rt.run", "", "mip-rt --dry-run --scenario drive-spin-1.0 --duration 30")
 
@@ -70,7 +74,7 @@ def main(argv=None) -> int:
         return 2
     except MipRtError as error:
         print(error, file=sys.stderr)
-        return 3
+        return 4 if error.code == "board_unknown" else 3
 
 
 if __name__ == "__main__":

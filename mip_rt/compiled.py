@@ -17,7 +17,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parent
 # Every file in these may be compiled, or holds constants and record types that compiled code freezes.
-SOURCES = ("compiled.py", "frame.py", "models", "estimators", "controllers", "robots", "fake")
+SOURCES = ("compiled.py", "frame.py", "hardware/compiled_io.py", "models", "estimators", "controllers", "robots", "fake")
 
 
 def source_files() -> list[Path]:
@@ -51,6 +51,27 @@ def cpu_name() -> str:
     import llvmlite.binding
 
     return llvmlite.binding.get_host_cpu_name()
+
+
+def machine_type() -> dict:
+    """What must be the same for the same inputs to give the same bits: processor, compiler, libraries.
+
+    The processor's features decide which multiplications and additions become one instruction, the C library computes sines.
+    """
+    import llvmlite.binding
+
+    try:
+        features = llvmlite.binding.get_host_cpu_features().flatten()
+    except RuntimeError:  # LLVM cannot tell on some ARM kernels; numba then uses the CPU's name alone
+        features = ""
+    return {
+        "machine": platform.machine(),
+        "cpu": cpu_name(),
+        "cpu_features": hashlib.sha256(features.encode()).hexdigest()[:8],
+        "libc": " ".join(platform.libc_ver()),
+        **{name: importlib.metadata.version(name) for name in ("numba", "llvmlite", "numpy")},
+        "compiled": not JIT_DISABLED,
+    }
 
 
 def cache_root() -> Path:

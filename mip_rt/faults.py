@@ -1,6 +1,6 @@
 """The faults: every reason for being in the state FAULT, with what it promises.
 
-The number stands in the frame and never changes its meaning; 8 and 9 are kept for the guard. The bound is the time from the cause to motors off
+The number stands in the frame and never changes its meaning. The bound is the time from the cause to motors off
 that a test asserts.
 """
 
@@ -30,6 +30,9 @@ FAULTS = {
         Fault(5, "not_finite", "numbers were not finite for three ticks", "send the log to the developers", 0.020),
         Fault(6, "motor_write", "the motors refused a write", "check the motor driver's PWM and GPIO overlays", 0.010),
         Fault(7, "estimator", "the estimator's covariance or state was unhealthy three ticks in a row", "send the log to the developers", 0.020),
+        Fault(8, "guard_dropped", "the loop stood still for longer than limits.guard_timeout_s, so the guard dropped the enable line",
+              "look for scheduling warnings at the start and for a blocked I2C bus; press the button twice to arm again", 0.100),
+        Fault(9, "guard_lost", "the guard process is gone or hangs; it cannot come back", "restart mip-rt; its journal says why the guard ended", 0.100),
         Fault(10, "i2c_error", "the I2C bus refused three ticks in a row", "check cable length and pull-ups; run mip-rt doctor", 0.025),
         Fault(11, "i2c_timeout", "the I2C bus hung until the kernel gave up",
               "power-cycle the robot: a chip holds SDA or SCL low", 0.010, "motors off as soon as the kernel returns; the guard is faster"),

@@ -45,6 +45,7 @@ LIMIT_SENTENCES = {
 LIMITS = {name: 1 << i for i, name in enumerate(LIMIT_SENTENCES)}
 for _name, _bit in LIMITS.items():
     globals()[f"LIMIT_{_name.upper()}"] = _bit
+LOOP_LIMITS = LIMITS["remote_lost"]  # bits that the loop adds after the step; all others are the step's
 
 # frame.alarms: what the detectors of the step (robots.health) have found; each is a fault of the same name while balancing.
 ALARM_SENTENCES = {
@@ -122,11 +123,17 @@ def estimation(names: tuple[str, ...]) -> tuple[Field, ...]:
     )
 
 
-def outputs(wheels: int) -> tuple[Field, ...]:
-    """How every tick ends: the pulses, what the supervisor made of them, and when."""
+def pulses(wheels: int) -> tuple[Field, ...]:
+    """How every robot's step ends: what it asks of the motors."""
     return (
         Field("duty", "<f8", (wheels,), "1", "signed duty by wheel after voltage scaling and drive/coast inverse"),
         Field("duty_ns", "<i8", (wheels,), "ns", "signed PWM pulse by motor asked of the motors"),
+    )
+
+
+def results(wheels: int) -> tuple[Field, ...]:
+    """What the loop writes after the step: what the supervisor made of the pulses, and when."""
+    return (
         Field("applied_ns", "<i8", (wheels,), "ns", "signed PWM pulse that the supervisor let through"),
         Field("fault", "<i8", (), "1", "fault code of the supervisor, 0 where none"),
         Field("step_ns", "<i8", (), "ns", "the compiled step had ended"),
@@ -135,7 +142,7 @@ def outputs(wheels: int) -> tuple[Field, ...]:
 
 
 class Layout:
-    """The frame of one robot: common fields around its own.
+    """The frame of one robot: common fields around its own. Who writes which field is decided here and nowhere else.
 
     Args:
         wheels: how many motors and encoders it has.
@@ -144,6 +151,9 @@ class Layout:
 
     Attributes:
         fields: all Fields in order.
+        step_inputs: names of the fields that are there before the step: what the loop packs, and the IMU's bytes.
+        step_outputs: names of the fields that the step writes, every one in every tick; of `limits` all bits but LOOP_LIMITS,
+            of `estimates` and `estimator_flags` the slots in use.
         dtype: their aligned record type.
         offset: byte offset by name.
         inputs: struct.Struct of the loop's inputs, to be packed at offset["tick"].
@@ -153,9 +163,12 @@ class Layout:
 
     def __init__(self, wheels: int, estimate_names: tuple[str, ...], own: tuple[Field, ...]):
         self.wheels, self.estimate_names = wheels, estimate_names
-        self.input_fields = inputs(wheels)
+        self.input_fields, result_fields = inputs(wheels), results(wheels)
         sequence = Field("sequence", "<i8", (), "1", "commit counter: equals tick + 1 once the row is complete")
-        self.fields = (sequence, *self.input_fields, *sensors(wheels), *estimation(estimate_names), *own, *outputs(wheels))
+        written = (*sensors(wheels), *estimation(estimate_names), *own, *pulses(wheels))
+        self.fields = (sequence, *self.input_fields, *written, *result_fields)
+        self.step_inputs = (*(f.name for f in self.input_fields), "imu_packet")
+        self.step_outputs = tuple(f.name for f in written if f.name != "imu_packet")
         self.dtype = np.dtype([(f.name, f.dtype, f.shape) if f.shape else (f.name, f.dtype) for f in self.fields], align=True)
         self.offset = {name: self.dtype.fields[name][1] for name in self.dtype.names}
         self.inputs = struct.Struct("<" + "".join(f"{math.prod(f.shape)}{'q' if 'i8' in f.dtype else 'd'}" for f in self.input_fields))

@@ -8,6 +8,7 @@ import struct
 
 from mip_rt import frame
 from mip_rt.hardware.imu_status import IMU_NO_DATA
+from mip_rt.log.ring import STATE_EVERY
 
 REMOTE_EVERY = 4  # ticks between looks at the serial port: 20 ms
 BATTERY_EVERY = 40  # ticks between battery readings: 0.2 s
@@ -21,7 +22,7 @@ class Loop:
     """One robot's tick.
 
     Args:
-        robot: what `robots.mbbr_setup.build` returns: compiled step and its arrays.
+        robot: robots.robot.Robot: compiled step and its arrays.
         devices: opened drivers: imu, imu_line, encoders, motors, battery, button, remote.
         supervisor: owner of the motors.
         ring: log.ring.Ring.
@@ -40,6 +41,7 @@ class Loop:
         layout = robot.layout
         self._inputs, self._duties, self._outputs, self._at = layout.inputs, layout.duties, layout.results, layout.offset
         self._no_pulses = (0,) * layout.wheels
+        self._persistent = robot.persistence.parts
 
     def tick(self) -> bool:
         """Runs one tick; False where no interrupt came in time (the motors are then off)."""
@@ -64,6 +66,7 @@ class Loop:
         counts = devices.read_counts()
         remote.update(wake_ns)
         read_ns = kernel.monotonic_ns()
+        supervisor.alive(read_ns)
         self._inputs.pack_into(
             buffer, base + at["tick"],
             tick, edge[0], wake_ns, read_ns, edge[2] - 1, supervisor.state, supervisor.request, supervisor.refusals, status,
@@ -89,6 +92,8 @@ class Loop:
         )
         ring.commit(index, tick)
         self.ticks = tick + 1
+        if self.ticks % STATE_EVERY == 0:  # see robots.persistence
+            ring.keep_state(tick, self._persistent)
         self._slack(wake_ns)
         return True
 

@@ -5,6 +5,7 @@ Only where it finds nothing may the robot arm.
 
 from mip_rt import frame
 from mip_rt.faults import FAULTS
+from mip_rt.guard import LINE_DROPPED, LOST, OK
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.supervisor import CONDITION_SENTENCES, TRANSITIONS, Condition, State, Supervisor
 
@@ -80,11 +81,13 @@ def check_reactions(limits, dt_s: float, transitions=TRANSITIONS):
             yield "the motors do not go on while balancing"
             return
         status, limit, alarm = _inputs(row.conditions)
-        if row.conditions & (Condition.MOTOR_ERROR | Condition.IMU_BAD) == 0 and not status:
+        if not row.conditions & Condition.IMU_BAD and not status:
             status = IMU_OK
+        guard = LOST if row.conditions & Condition.GUARD_LOST else LINE_DROPPED if row.conditions & Condition.GUARD_DROPPED else OK
         for tick in range(Supervisor.ticks(row.hold, limits, dt_s)):
             if row.conditions & Condition.MOTOR_ERROR:
                 supervisor._motor_error = True
+            supervisor._guard = guard
             supervisor.apply(tick, status, limit, alarm, True, (1, 1, 1))
         if supervisor._motors.on or supervisor.state is not State.FAULT:
             yield f"{row.fault} does not switch the motors off: {CONDITION_SENTENCES.get(row.conditions, hex(row.conditions))}"

@@ -8,24 +8,23 @@ import math
 import os
 import signal
 import sys
-import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 
-from mip_rt import frame, realtime, self_test
+from mip_rt import frame, realtime, robots, self_test
 from mip_rt.calibration import GyroCalibration, load_unit_file
 from mip_rt.errors import MipRtError
 from mip_rt.hardware.devices import open_devices
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
-from mip_rt.log.ring import Ring, header
+from mip_rt.log import recorder_process
+from mip_rt.log.ring import Ring, header, remove_old_rings
 from mip_rt.loop import Loop
 from mip_rt.prearm import PreArm
-from mip_rt.robots import mbbr_setup
 from mip_rt.summary import Summary
-from mip_rt.supervisor import State, Supervisor
+from mip_rt.supervisor import FAULT_BY_NUMBER, State, Supervisor
 
 ABSORB_EVERY = 64  # ticks between looks of the summary
 CHECK_EVERY = 20  # ticks between pre-arm checks
@@ -51,23 +50,48 @@ class Session:
         bench: fake.bench.Bench of a dry run; None on the robot.
         log_folder: where the ring file goes.
         remote_device: the remote's port; None for none.
-        names: (robot, scenario or "") for the log's name.
+        seed, scenario_name: of a dry run, for the log's name.
+        record_folder: where the recorder keeps its files; None for no recorder.
+        guard: guard_client.GuardClient that holds the robot's enable line; a dry run brings its own.
     """
 
-    def __init__(self, config, bench, log_folder: Path, remote_device, seed: int, scenario_name: str = ""):
+    def __init__(
+        self, config, bench, log_folder: Path, remote_device, seed: int, scenario_name: str = "", record_folder: Path | None = None,
+        guard=None,
+    ):  # fmt: skip
         self.config, self.bench, self.seed = config, bench, seed
         self.kernel = bench.kernel if bench else Kernel()
-        self.robot = mbbr_setup.build(config)
+        setup = robots.setup(config.robot)
+        self.robot = setup.build(config)
         rows = round(config.log.ring_s * config.realtime.rate_hz)
-        stamp = time.strftime("%Y%m%d-%H%M%S")
-        name = f"mip-rt-{stamp}-{os.getpid()}.ring" if not bench else f"dry-run-{scenario_name}-seed{seed}.ring"
-        extra = {"seed": seed, "scenario": scenario_name, "estimators": self.robot.names} if bench else {"estimators": self.robot.names}
-        layout = self.robot.layout
-        self.ring = Ring(Path(log_folder) / name, layout.dtype, rows, header(layout, config.to_yaml(), extra))
+        stamp = f"{time.strftime('%Y%m%d-%H%M%S')}-{os.getpid()}"
+        name = f"dry-run-{scenario_name}-seed{seed}" if bench else f"mip-rt-{stamp}"
+        layout, persistence = self.robot.layout, self.robot.persistence
+        extra = {
+            "estimators": self.robot.names,
+            "state_layout": persistence.layout,
+            "codes": codes(),
+            "calibration": {"gyro_bias_rad_s": self.robot.gyro_bias_rad_s},
+        }
+        if bench:
+            extra |= {"seed": seed, "scenario": scenario_name}
+            if bench.kernel.entrance is not None and remote_device == bench.remote.device:
+                extra["remote_entrance"] = str(bench.kernel.entrance.path)
+        recording = None
+        if record_folder is not None:
+            run_folder = f"{name}-{stamp}" if bench else name
+            recording = recorder_process.settings(config.log, record_folder, run_folder, config.realtime.rate_hz)
+            extra["recording"] = recording
+        description = header(layout, config.to_yaml(), extra, self.kernel.monotonic_ns())
+        if not bench:
+            remove_old_rings(Path(log_folder), "mip-rt-*.ring")
+        self.ring = Ring(Path(log_folder) / f"{name}.ring", layout.dtype, rows, description, persistence.size)
+        self.recorder = recorder_process.RecorderProcess(self.ring, recording)
         self.robot.attach(self.ring.rows)
         self.robot.rehearse()
         image = (bench.image_path, bench.image_sha256) if bench else None
-        self.devices = open_devices(self.kernel, config, remote_device, image)
+        self.guard = bench.guard if bench else guard
+        self.devices = open_devices(self.kernel, config, self.guard, remote_device, image)
         dt_s = 1.0 / config.realtime.rate_hz
         self.supervisor = Supervisor(self.devices.motors, config.limits, dt_s, config.control.soft_start_s)
         self.loop = Loop(
@@ -78,12 +102,12 @@ class Session:
         self.prearm = PreArm(
             config, self.devices, self.calibration, self._unit_file(), self.ring.path.parent, self_test.run(config.limits, dt_s)
         )
-        self.summary = Summary(self.robot.names, dt_s)
-        self.summary.radius_m = config.model.ball_radius_m
+        self.summary = Summary(self.robot.names, dt_s, setup.Judge(config))
         self.scheduling = realtime.Scheduling()
         self.refusals = []
         self._imu_good_ns = None  # newest good packet, or attempt to get one, since the motors are off
         self._absorbed = 0
+        self._in_fault = False
 
     def _unit_file(self):
         try:
@@ -91,13 +115,15 @@ class Session:
         except MipRtError as error:
             return error
 
-    def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True) -> dict:
+    def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True, service=None) -> dict:
         """Turns the loop for `duration_s` (or until stopped); returns the summary. The motors are off afterwards, however it ends."""
         loop, kernel = self.loop, self.kernel
         try:
+            self.recorder.start()
             if real_time:
                 settings = self.config.realtime
                 self.scheduling = realtime.enter(settings.policy, settings.priority, settings.lock_memory)
+                self.scheduling.warnings += self.guard.warnings
             else:
                 realtime.freeze_garbage_collector()
                 self.scheduling = realtime.Scheduling(gc_frozen=True)
@@ -108,7 +134,11 @@ class Session:
             end_ns = kernel.monotonic_ns() + round(min(duration_s, 1e8) * 1e9)
             silent = 0
             while not stop.requested and kernel.monotonic_ns() < end_ns:
-                if not loop.tick():
+                ticked = loop.tick()
+                self._notice_fault(loop.ticks)
+                if service is not None:
+                    service.turn(self, ticked)
+                if not ticked:
                     silent += 1
                     if silent > BOOT_TIMEOUTS and loop.ticks == 0:
                         raise MipRtError("the IMU sends no interrupts.", "Run mip-rt doctor.", "imu_no_interrupt")
@@ -116,6 +146,8 @@ class Session:
                     continue
                 silent = 0
                 self._between_ticks(loop.ticks - 1)
+                if not real_time:
+                    self.recorder.wait_where_time_is_virtual()
                 if live is not None:
                     live.update(self)
         finally:
@@ -124,20 +156,43 @@ class Session:
             realtime.leave()
         self._absorb(loop.ticks)
         self.ring.close()
-        return self.summary.report(
-            self.supervisor.state, self.scheduling.summary(), self.ring.path, self.config.robot, self.robot.controller, self.seed,
+        self.recorder.finish()
+        report = self.summary.report(
+            self.supervisor.state, self.scheduling.summary(), self._log_path(), self.config.robot, self.robot.controller, self.seed,
             self.tipped,
         )  # fmt: skip
+        report["recorder"] = self.recorder.summary()
+        return report
+
+    def _log_path(self) -> Path:
+        """What `mip_rt.log.open` reads this run from: the ring while it holds everything and lasts, otherwise the recorded files."""
+        lasting = self.bench is not None and self.loop.ticks <= self.ring.capacity
+        recorded = self.recorder.summary()
+        return self.ring.path if lasting or not recorded or not recorded["recorded"] else self.recorder.folder
+
+    def _notice_fault(self, tick: int) -> None:
+        """Tells the recorder when the supervisor enters FAULT."""
+        in_fault = self.supervisor.state is State.FAULT
+        if in_fault and not self._in_fault:
+            self.ring.report_fault(self.supervisor.fault.number, tick)
+        self._in_fault = in_fault
 
     @property
     def tipped(self) -> bool:
         """The last row says that the robot leans beyond the limit."""
         return any(code == "tipped" for _, _, code in self.supervisor.events)
 
+    def condition(self) -> str:
+        """State in words: with the fault, or with the first reason why the robot is not armed, and the cure."""
+        reason = self.why_not_armed()
+        return self.supervisor.state.name + (f"  {reason}" if reason else "")
+
     def _between_ticks(self, tick: int) -> None:
         state = self.supervisor.state
         if tick % ABSORB_EVERY == ABSORB_EVERY - 1:
             self._absorb(tick + 1)
+        if tick % recorder_process.LOOK_EVERY == 0:
+            self.recorder.look()
         if state is State.BALANCING:
             self._imu_good_ns = None
             return
@@ -190,10 +245,10 @@ class Session:
 
     def _rate_hz(self, tick: int) -> float:
         """Interrupt rate over the last 200 ticks; the wanted rate before there are that many."""
-        span = min(tick, 200)
+        rows, n = self.ring.rows, self.ring.capacity
+        span = min(tick, 200, n - 1)
         if span < 50:
             return self.config.realtime.rate_hz
-        rows, n = self.ring.rows, self.ring.capacity
         return span * 1e9 / float(rows["edge_ns"][tick % n] - rows["edge_ns"][(tick - span) % n])
 
     def _absorb(self, until: int) -> None:
@@ -203,11 +258,8 @@ class Session:
         index = np.arange(self._absorbed, until)
         rows = self.ring.rows[index % self.ring.capacity]
         if self.bench:
-            # The world's rows run on with its samples; the newest belongs to the newest tick, missed samples lie between.
-            world = self.bench.world
-            behind = np.round((rows["edge_ns"][-1] - rows["edge_ns"]) / (1e9 / self.config.realtime.rate_hz)).astype(int)
-            newest = self.kernel.sample_of(int(rows["edge_ns"][-1]))
-            samples = (newest - behind) % len(world.truth)
+            world = self.bench.world  # its rows run on with its samples, missed ones included
+            samples = self.kernel.sample_of(rows["edge_ns"]) % len(world.truth)
             self.summary.absorb(rows, world.truth_rows[samples], self.kernel.fake_ns[samples])
         else:
             self.summary.absorb(rows)
@@ -227,14 +279,13 @@ class Live:
         if tick % self._every:
             return
         row = session.ring.rows[(tick - 1) % session.ring.capacity]
-        supervisor = session.supervisor
         lean = math.degrees(math.hypot(row["attitude_rad"][0], row["attitude_rad"][1]))
         text = (
-            f"{tick * 0.005:7.1f} s  {supervisor.state.name:<11} lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
-            f"  {session.devices.battery_v:4.2f} V"
+            f"{tick / session.config.realtime.rate_hz:7.1f} s  lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
+            f"  {session.devices.battery_v:4.2f} V  {session.condition()}"
         )
-        reason = session.why_not_armed()
-        text += f"  {reason}" if reason else limits_in_words(int(row["limits"]))
+        trouble = session.recorder.trouble()
+        text += limits_in_words(int(row["limits"])) + (f"  {trouble}" if trouble else "")
         end = "\x1b[K\r" if self._terminal else "\n"
         os.write(2, (text + end).encode())
 
@@ -254,8 +305,17 @@ def banner(session: Session, scenario: str, speed: str) -> str:
         f"mip-rt: {config.robot} {where}\n"
         f"  estimator {session.robot.names[0]} (shadows: {shadows}), controller {session.robot.controller}, "
         f"{config.realtime.rate_hz:g} Hz\n"
-        f"  log {session.ring.path}"
+        f"  log {session.ring.path}" + (f", recorded to {session.recorder.folder}" if session.recorder.folder else "")
     )
+
+
+def codes() -> dict:
+    """Names of the numbers and bits in the frame, for a log that explains itself: field: {number or bit as text: name}."""
+    return {
+        "state": {str(int(state)): state.name for state in State},
+        "fault": {str(number): fault.code for number, fault in FAULT_BY_NUMBER.items()},
+        "limits": {str(bit): name for name, bit in frame.LIMITS.items()},
+    }
 
 
 def install_signals() -> Stop:
@@ -264,8 +324,3 @@ def install_signals() -> Stop:
     for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         signal.signal(number, stop)
     return stop
-
-
-def temporary_log_folder() -> Path:
-    """Where a dry run's log goes when nobody says."""
-    return Path(tempfile.gettempdir()) / "mip-rt"

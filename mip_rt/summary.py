@@ -21,10 +21,12 @@ class Summary:
     Args:
         names: estimator names by slot; the first controls.
         dt_s: nominal tick.
+        judge: the robot's comparison of rows with the truth, such as robots.mbbr_judge.Judge.
         settle_s: time after the robot starts balancing that the error figures leave out.
     """
 
-    def __init__(self, names, dt_s: float, settle_s: float = 2.0):
+    def __init__(self, names, dt_s: float, judge, settle_s: float = 2.0):
+        self.judge = judge
         self.names, self.dt_s, self.settle_ticks = list(names), dt_s, round(settle_s / dt_s)
         self.ticks = self.missed = self.balancing_ticks = 0
         self.first_edge_ns = self.last_edge_ns = None
@@ -68,8 +70,7 @@ class Summary:
         if truth is not None:
             self._absorb_errors(rows[balancing], truth[balancing])
         else:
-            tilt = np.hypot(*rows["estimates"][balancing, 0, :2].T)
-            self._absorb_tilt(tilt)
+            self._absorb_tilt(self.judge.estimated_tilt(rows[balancing]))
         self.balancing_ticks += int(balancing.sum())
 
     def _absorb_tilt(self, tilt) -> None:
@@ -78,33 +79,19 @@ class Summary:
             self.tilt_max = max(self.tilt_max, float(tilt.max()))
 
     def _absorb_errors(self, rows, truth) -> None:
-        self._absorb_tilt(np.hypot(truth["roll_rad"], truth["pitch_rad"]))
+        self._absorb_tilt(self.judge.tilt(truth))
         skip = max(0, self.settle_ticks - self.balancing_ticks)
         rows, truth = rows[skip:], truth[skip:]
         if not len(rows):
             return
         self.counted += len(rows)
-        estimates = rows["estimates"][:, : len(self.names)]
-        tilt = (estimates[:, :, 0] - truth["roll_rad"][:, None]) ** 2
-        tilt += (estimates[:, :, 1] - truth["pitch_rad"][:, None]) ** 2
-        self.tilt_error[: len(self.names)] += tilt.sum(axis=0) / 2.0
-        # Ball rates are compared in the yaw-rotated frame of the filters, with the true yaw: yaw drift is not a rate error.
-        cosine, sine = np.cos(truth["yaw_rad"]), np.sin(truth["yaw_rad"])
-        rate_x = cosine * truth["ball_rate_x_rad_s"] + sine * truth["ball_rate_y_rad_s"]
-        rate_y = -sine * truth["ball_rate_x_rad_s"] + cosine * truth["ball_rate_y_rad_s"]
-        rate = (estimates[:, :, 6] - rate_x[:, None]) ** 2 + (estimates[:, :, 7] - rate_y[:, None]) ** 2
-        self.rate_error[: len(self.names)] += rate.sum(axis=0) / 2.0
+        n = len(self.names)
+        tilt, rate = self.judge.squared_errors(rows["estimates"][:, :n], truth)
+        self.tilt_error[:n] += tilt.sum(axis=0)
+        self.rate_error[:n] += rate.sum(axis=0)
         self.yaw_rate += float(truth["yaw_rate_rad_s"].sum())
         self.speed += float(np.hypot(truth["velocity_x_m_s"], truth["velocity_y_m_s"]).sum())
-        wanted_x = self.radius_m * rows["reference_angle_rad"][:, 1]
-        wanted_y = -self.radius_m * rows["reference_angle_rad"][:, 0]
-        if self.origin is None:
-            self.origin = (truth["x_m"][0] - wanted_x[0], truth["y_m"][0] - wanted_y[0])
-        error = np.hypot(truth["x_m"] - wanted_x - self.origin[0], truth["y_m"] - wanted_y - self.origin[1])
-        self.position_error_max = max(self.position_error_max, float(error.max()))
-
-    radius_m = 0.032
-    origin = None
+        self.position_error_max = max(self.position_error_max, float(self.judge.position_error(rows, truth).max()))
 
     def report(self, supervisor_state, scheduling, log_path, robot, controller, seed, tipped) -> dict:
         """The JSON object of the contract; error keys only where a truth was absorbed."""
@@ -178,4 +165,21 @@ def render(report: dict) -> str:
     if report["faults"]:
         lines.append("faults: " + ", ".join(report["faults"]))
     lines.append(f"log: {report['log']}")
+    lines += render_recorder(report.get("recorder"))
     return "\n".join(lines)
+
+
+def render_recorder(recorder: dict | None) -> list[str]:
+    """What was recorded, and everything that went wrong with it."""
+    if recorder is None:
+        return []
+    line = f"recorder {recorder['state']}: {recorder['recorded']} rows, {recorder['bytes'] / 1e6:.1f} MB in {recorder['folder']}"
+    counts = (
+        ("dropped", "rows lost"), ("torn", "rows torn"), ("backlog", "rows not yet written"), ("errors", "writes refused"),
+        ("files_removed", "oldest files removed"), ("faults_kept", "fault files kept"), ("faults_refused", "fault files refused, remove some"),
+        ("faults_lost", "fault files lost"),
+    )  # fmt: skip
+    told = [f"{recorder[name]} {words}" for name, words in counts if recorder[name]]
+    if recorder["last_error"]:
+        told.append(f"last error: {recorder['last_error']}")
+    return [line] + ([f"  {', '.join(told)}"] if told else [])

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 from mip_rt import frame, prearm
 from mip_rt.faults import FAULT_BY_NUMBER, FAULTS, Fault  # noqa: F401  (others take them from here)
+from mip_rt.guard import LOST, OK
 from mip_rt.hardware import imu_status as imu
 
 
@@ -51,6 +52,8 @@ class Condition:
     UPRIGHT = 1 << 3
     MOTOR_ERROR = 1 << 4
     IMU_BAD = 1 << 5
+    GUARD_DROPPED = 1 << 6
+    GUARD_LOST = 1 << 7
     IMU_GOOD = imu.IMU_OK << _STATUS
     IMU_NO_DATA = imu.IMU_NO_DATA << _STATUS
     IMU_MISALIGNED = imu.IMU_MISALIGNED << _STATUS
@@ -71,6 +74,8 @@ CONDITION_SENTENCES = {
     Condition.UPRIGHT: "lean within limits.engage_tilt_rad",
     Condition.MOTOR_ERROR: "the motors refused a write",
     Condition.IMU_BAD: "no usable IMU packet",
+    Condition.GUARD_DROPPED: "the guard took the enable line away: the loop's heartbeat was too old",
+    Condition.GUARD_LOST: "the guard's own heartbeat is too old, or it refuses",
     Condition.IMU_GOOD: "a usable IMU packet",
     Condition.IMU_NO_DATA: "the FIFO was empty",
     Condition.IMU_MISALIGNED: "the FIFO was out of step",
@@ -98,7 +103,9 @@ class Transition(NamedTuple):
 C = Condition
 THREE_TICKS = 0.015
 # The first row that fires wins, so a fault with a cause comes before the one that only says "bad".
-_IMU_FAILURES = (
+_FAILURES = (
+    Transition(C.GUARD_LOST, 0, 0.0, State.FAULT, "guard_lost"),
+    Transition(C.GUARD_DROPPED, 0, 0.0, State.FAULT, "guard_dropped"),  # whatever else is seen after a standstill follows from it
     Transition(C.I2C_TIMEOUT, 0, 0.0, State.FAULT, "i2c_timeout"),
     Transition(C.IMU_IS_FROZEN, 0, 0.0, State.FAULT, "imu_frozen"),
     Transition(C.I2C_ERROR, 0, THREE_TICKS, State.FAULT, "i2c_error"),
@@ -109,25 +116,25 @@ _IMU_FAILURES = (
 )
 TRANSITIONS = {
     State.BOOT: (Transition(C.IMU_GOOD, 0, 0.05, State.CALIBRATING),),
-    State.CALIBRATING: (*_IMU_FAILURES, Transition(C.CALIBRATED, 0, 0.0, State.DISARMED)),
-    State.DISARMED: (*_IMU_FAILURES, Transition(C.BUTTON | C.READY, 0, 0.0, State.ARMING)),
+    State.CALIBRATING: (*_FAILURES, Transition(C.CALIBRATED, 0, 0.0, State.DISARMED)),
+    State.DISARMED: (*_FAILURES, Transition(C.BUTTON | C.READY, 0, 0.0, State.ARMING)),
     State.ARMING: (
-        *_IMU_FAILURES,
+        *_FAILURES,
         Transition(C.BUTTON, 0, 0.0, State.DISARMED),
         Transition(0, C.READY, 0.0, State.DISARMED),
         Transition(C.UPRIGHT, 0, "engage_hold_s", State.BALANCING),
         Transition(0, 0, "arming_timeout_s", State.DISARMED),
     ),
     State.BALANCING: (
+        *_FAILURES,
         Transition(C.TIPPED, 0, 0.0, State.FAULT, "tipped"),
-        *_IMU_FAILURES,
         Transition(C.MOTOR_ERROR, 0, 0.0, State.FAULT, "motor_write"),
         Transition(C.NOT_FINITE, 0, THREE_TICKS, State.FAULT, "not_finite"),
         Transition(C.ESTIMATOR_SICK, 0, THREE_TICKS, State.FAULT, "estimator"),
         *(Transition(bit, 0, 0.0, State.FAULT, name) for name, bit in C.ALARMS.items()),
         Transition(C.BUTTON, 0, 0.0, State.DISARMED),
     ),
-    State.FAULT: (Transition(C.BUTTON, C.TIPPED | C.IMU_BAD, 0.0, State.DISARMED),),
+    State.FAULT: (Transition(C.BUTTON, C.TIPPED | C.IMU_BAD | C.GUARD_LOST, 0.0, State.DISARMED),),
 }
 
 
@@ -173,6 +180,7 @@ class Supervisor:
         self.calibrated = False
         self._button = False
         self._motor_error = False
+        self._guard = OK
         self._counting = False
         self._counts = [0] * max(len(rows) for rows in self._table.values())
         self._motors.off()
@@ -196,6 +204,10 @@ class Supervisor:
         self._motors.off()
         if self.state not in (State.BOOT, State.FAULT):
             self._enter(State.FAULT, FAULTS["imu_silent"], tick)
+
+    def alive(self, now_ns: int) -> None:
+        """The heartbeat, once a tick before `apply`: the loop has come round to this time; and what has become of the guard meanwhile."""
+        self._guard = self._motors.beat(now_ns)
 
     def apply(self, tick: int, imu_status: int, limits: int, alarms: int, upright: bool, duty_ns) -> bool:
         """Evaluates the table for this tick and writes the motors accordingly.
@@ -224,6 +236,8 @@ class Supervisor:
             conditions |= C.READY
         if self._motor_error:
             conditions |= C.MOTOR_ERROR
+        if self._guard:
+            conditions |= C.GUARD_LOST if self._guard == LOST else C.GUARD_DROPPED
 
         self.request &= ~frame.REQUEST_HEADING_RESET
         if self._counting or conditions & self._triggers[self.state]:

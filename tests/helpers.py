@@ -6,10 +6,10 @@ from mip_rt.config import scenario as scenarios
 from mip_rt.fake import bench as fake_bench
 
 
-def make_config(**overrides):
-    """The shipped configuration with changes; `__` in a name stands for the dot."""
+def make_config(robot="mbbr", **overrides):
+    """The shipped configuration of a robot with changes; `__` in a name stands for the dot."""
     return configuration.load(
-        configuration.default_path("mbbr"), {name.replace("__", "."): value for name, value in overrides.items()}
+        configuration.default_path(robot), {name.replace("__", "."): value for name, value in overrides.items()}
     )
 
 
@@ -59,6 +59,5 @@ class DryRun:
         """As the motor drivers see it: enabled, with a duty."""
         import numpy as np
 
-        duty = np.zeros(3)
-        self.bench.kernel.motor_wiring._enable_request = None
+        duty = np.zeros(len(self.config.motors.signs))
         return self.bench.kernel.motor_wiring.read(duty) and bool(duty.any())

@@ -115,7 +115,7 @@ make_environment() {
     say "bringing $environment up to date"
     rm -f "$stamp"
   fi
-  [ "$level" = run ] || extras='[lab,test]'
+  [ "$level" = run ] || extras='[lab,view,test]'
   say "installing mip-rt$extras and what it needs (about a minute)"
   quietly "pip install" env -C "$checkout" "$environment/bin/python" -m pip install --no-input --disable-pip-version-check -e ".$extras" ||
     fail "the environment is not ready; the network is needed for this step only: run $script again when it works"
@@ -126,7 +126,7 @@ make_environment() {
 # The packages of Debian 12, which are what the robot runs. system_python is the interpreter that has them.
 system_python=/usr/bin/python3
 core_packages=(python3 python3-numba python3-numpy python3-smbus2 python3-yaml python3-serial)
-test_packages=("${core_packages[@]}" python3-pytest python3-hypothesis)
+test_packages=("${core_packages[@]}" python3-pytest python3-hypothesis python3-matplotlib python3-scipy python3-plotly)
 
 # ensure_packages REASON PACKAGE...: installs those that are missing.
 ensure_packages() {

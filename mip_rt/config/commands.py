@@ -4,6 +4,7 @@ import sys
 
 from mip_rt.config import default_path, load, parse_override
 from mip_rt.config.documentation import documentation, template
+from mip_rt.config.robots import ROBOTS
 from mip_rt.errors import ConfigError
 
 
@@ -11,7 +12,7 @@ def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
     parser.add_argument("action", choices=("check", "show", "template", "docs"),
                         help="check a file; show the effective values; print a commented template; print the reference")  # fmt: skip
-    parser.add_argument("--robot", default="mbbr", choices=("mbbr",))
+    parser.add_argument("--robot", default="mbbr", choices=tuple(ROBOTS))
     parser.add_argument("--config", metavar="FILE", help="configuration file (default: the installed or shipped one)")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change one value")
 

@@ -3,7 +3,7 @@
 import json
 
 from mip_rt.config.fields import Named, Rows
-from mip_rt.config.schema import ROBOTS
+from mip_rt.config.robots import ROBOTS
 
 
 def _number(value: float) -> str:

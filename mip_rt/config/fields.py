@@ -16,7 +16,7 @@ UNITS = {
     "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "mrad/s": 1e-3},
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6},
     "ms": {"ms": 1.0},
-    "Hz": {"Hz": 1.0, "kHz": 1e3},
+    "Hz": {"Hz": 1.0, "kHz": 1e3, "rad/s": 0.5 / math.pi},
     "V": {"V": 1.0, "mV": 1e-3},
     "H": {"H": 1.0, "mH": 1e-3, "uH": 1e-6},
     "ohm": {"ohm": 1.0},

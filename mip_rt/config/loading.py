@@ -7,8 +7,8 @@ from pathlib import Path
 import yaml
 
 from mip_rt.config.fields import Named, Refusal, Rows
+from mip_rt.config.robots import ROBOTS
 from mip_rt.config.rules import broken_rules
-from mip_rt.config.schema import ROBOTS
 from mip_rt.config.suggestion import nearest
 from mip_rt.errors import ConfigError
 
@@ -206,7 +206,11 @@ def loads(text: str, source: str = "<text>", overrides: dict | None = None) -> C
     if overrides:
         _override(root, overrides, checker)
     robot = root.value["robot"].plain() if "robot" in root.value else "mbbr"
-    schema = ROBOTS.get(robot if isinstance(robot, str) else "", ROBOTS["mbbr"])
+    if not isinstance(robot, str) or robot not in ROBOTS:
+        checker.refuse(root.value["robot"].line, "robot", f"expected one of {', '.join(ROBOTS)}, found {robot!r}{nearest(robot, ROBOTS)}")
+        del root.value["robot"]
+        robot = "mbbr"
+    schema = ROBOTS[robot]
     config = checker.section(schema, root)
     if not checker.errors:
         for key, message in broken_rules(config):
@@ -258,4 +262,4 @@ def default_path(robot: str = "mbbr") -> Path:
         if (folder / f"{robot}.yaml").exists():
             return folder / f"{robot}.yaml"
     looked = ", ".join(str(folder) for folder in folders())
-    raise ConfigError(f"no {robot}.yaml in {looked}.", "Make one: mip-rt config template > mbbr.yaml", "config_missing")
+    raise ConfigError(f"no {robot}.yaml in {looked}.", f"Make one: mip-rt config template --robot {robot} > {robot}.yaml", "config_missing")

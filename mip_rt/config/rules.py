@@ -19,16 +19,15 @@ def _determinant(m) -> float:
     )
 
 
-def broken_rules(config):
-    """Yields (key, message) for every rule that the configuration breaks."""
-    for section, key, matrix in (
-        ("wheels", "body_from_wheel", config.wheels.body_from_wheel),
-        ("imu", "mounting", config.imu.mounting),
-    ):
-        if _orthonormal(matrix) > 1e-3:
-            yield f"{section}.{key}", "the columns must be perpendicular and of length 1 (within 0.001)"
-        elif _determinant(matrix) < 0.0:
-            yield f"{section}.{key}", "this is a mirror image, not a rotation (determinant -1): exchange a sign"
+def _matrix_rules(key, matrix):
+    if _orthonormal(matrix) > 1e-3:
+        yield key, "the columns must be perpendicular and of length 1 (within 0.001)"
+    elif _determinant(matrix) < 0.0:
+        yield key, "this is a mirror image, not a rotation (determinant -1): exchange a sign"
+
+
+def _mbbr_rules(config):
+    yield from _matrix_rules("wheels.body_from_wheel", config.wheels.body_from_wheel)
     names = config.control.gain_sets.as_dict()
     rates = [row.yaw_rate_hz for row in config.control.schedule]
     if not 1 <= len(rates) <= 8:
@@ -38,11 +37,34 @@ def broken_rules(config):
     for row in config.control.schedule:
         if row.set not in names:
             yield "control.schedule", f"no gain set {row.set!r}{nearest(row.set, names)}"
+
+
+def _edumip_rules(config):
+    control = config.control
+    names = control.filters.as_dict()
+    if control.filter_set not in names:
+        yield "control.filter_set", f"no such filters: {control.filter_set!r}{nearest(control.filter_set, names)}"
+    for name, entry in vars(control.filters).items():
+        if entry.inner_denominator[0] == 0.0 or entry.outer_denominator[0] == 0.0:
+            yield "control.filters", f"{name}: a denominator's first number must not be zero"
+    rates = list(control.lqr.yaw_rates_rad_s)
+    if not rates or rates != sorted(set(rates)):
+        yield "control.lqr.yaw_rates_rad_s", "one or more yaw rates that ascend are needed"
+    if config.realtime.rate_hz not in (100.0, 200.0):
+        yield "realtime.rate_hz", f"the DMP delivers at 200 or 100 Hz, not at {config.realtime.rate_hz:g}"
+
+
+def broken_rules(config):
+    """Yields (key, message) for every rule that the configuration breaks."""
+    yield from {"mbbr": _mbbr_rules, "edumip": _edumip_rules}[config.robot](config)
+    yield from _matrix_rules("imu.mounting", config.imu.mounting)
     estimators = [config.estimator.control, *config.estimator.shadows]
     if len(set(estimators)) != len(estimators):
         yield "estimator.shadows", "an estimator stands here twice, or is the one in control"
     if config.remote.timeout_s + config.remote.ramp_s > 0.5:
         yield "remote.timeout_s", "timeout_s and ramp_s together must be at most 0.5 s: a lost remote must stand still by then"
+    if config.limits.guard_timeout_s < config.limits.imu_silence_s + 0.01:
+        yield "limits.guard_timeout_s", "must be at least imu_silence_s and two ticks, so that a silent IMU is not taken for a hung loop"
     buttons = [level.button for level in config.remote.levels]
     if "none" not in buttons or len(set(buttons)) != len(buttons):
         yield "remote.levels", "each button once, and one row for 'none'"
@@ -62,7 +84,7 @@ def broken_rules(config):
         yield "imu.gyro_range_dps", "the DMP integrates the gyro rightly only at 2000 deg/s"
     for key in ("motors", "encoders"):
         section = getattr(config, key)
-        if len(set(section.channels)) != 3:
-            yield f"{key}.channels", "three different channels are needed"
+        if len(set(section.channels)) != len(section.channels):
+            yield f"{key}.channels", "different channels are needed"
         if 0 in section.signs:
             yield f"{key}.signs", "a sign is 1 or -1"

@@ -119,6 +119,8 @@ MBBR = {
         "control": Choice("dmp_ekf", "Estimator that controls.", choices=published.ESTIMATORS),
         "shadows": Several(("ekf", "kf", "dmp_kf"), "Estimators that run beside it and are logged.",
                            item=Choice("", "", choices=published.ESTIMATORS), most=7),
+        "odometry": Choice("encoders", "Ball position: from encoders and gyro, or by integrating the filter's ball rate as in T.",
+                           choices=("encoders", "filter")),
         "noise_set": Choice("driving", "Process noise in use.", choices=tuple(published.PROCESS_NOISE)),
         "process_noise": {
             name: numbers(values, f"Variance a 5 ms step: q1=q2, q3, q4=q5, q6=q7, q8, q9=q10, q11=q12=q13 ({source}).", 7, low=0, high=1e6)
@@ -167,6 +169,7 @@ MBBR = {
         "engage_tilt_rad": N(0.174533, "Balancing starts within this lean.", unit="rad", low=0.01, high=0.5),
         "engage_hold_s": N(0.5, "Held upright for so long.", unit="s", low=0.1, high=10),
         "imu_silence_s": N(0.03, "Motors off after so long without an interrupt.", unit="s", low=0.006, high=0.045),
+        "guard_timeout_s": N(0.06, "The guard drops the enable line when the loop's heartbeat is older.", unit="s", low=0.02, high=0.09),
         "duty": N(1.0, "Largest wheel command.", low=0.05, high=1),
         "arming_timeout_s": N(30.0, "Not held upright within this time after the button: disarmed again.", unit="s", low=1, high=600),
         "saturation_s": N(0.4, "Motors off when a wheel command is clipped in one direction for so long.", unit="s", low=0.05, high=10),
@@ -186,9 +189,16 @@ MBBR = {
     },
     "log": {
         "ring_s": N(120.0, "Seconds that the ring holds.", unit="s", low=1, high=3600),
-        "folder": Text("/run/mip-rt", "Folder of the ring on the robot; a dry run uses a temporary one.", wanted="a path"),
+        "folder": Text("/run/mip-rt", "Folder of the ring on the robot, in memory; a dry run uses a temporary one.", wanted="a path"),
+        "record": F(True, "Record the ring to disk: on the robot always, in a dry run with --log."),
+        "record_folder": Text("/var/lib/mip-rt/log", "Folder of the recorded runs and fault files; --log names another.", wanted="a path"),
+        "files": I(16, "Recorded files that are kept over all runs; the oldest make room.", low=2, high=10000),
+        "file_mb": N(16.0, "Size of a recorded file in megabytes; an hour is about 500.", low=0.5, high=2000),
+        "flush_s": N(0.5, "A power cut costs so much of the log and what the disk needs to write it.", unit="s", low=0.05, high=1),
+        "compression": I(1, "zlib level of recorded blocks; 0 stores them as they are.", low=0, high=9),
+        "fault_files": I(10, "Fault files that are kept; further ones are refused until some are removed.", low=0, high=1000),
+        "fault_before_s": N(30.0, "Time before a fault that its file holds.", unit="s", low=0, high=600),
+        "fault_after_s": N(2.0, "Time after a fault that its file holds.", unit="s", low=0, high=60),
     },
     "dry_run": DRY_RUN,
 }  # fmt: skip
-
-ROBOTS = {"mbbr": MBBR}

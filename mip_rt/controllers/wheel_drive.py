@@ -57,6 +57,34 @@ def friction_add(p, estimate, added):
 
 
 @njit
+def duties(p, wheel_command, wheel_rate_rad_s, battery_v, duty, duty_ns):
+    """Duties that carry the currents of the linear motor model at these wheel commands; CURRENT_SATURATED and NOT_FINITE bits.
+
+    Args:
+        p: a record with the motor's fields of PARAMETERS, whatever else it holds.
+        wheel_command: (wheels,) fractions of the nominal voltage.
+        wheel_rate_rad_s, duty, duty_ns: (wheels,) as in `step`.
+    """
+    bits = 0
+    for i in range(len(duty)):
+        back_emf_v = p.torque_constant_n_m_a * wheel_rate_rad_s[i]
+        current = (p.nominal_voltage_v * wheel_command[i] - back_emf_v) / battery_v  # in units of stall current V_b / R
+        speed = back_emf_v / battery_v
+        if p.drive == DRIVE_COAST:
+            value, saturated = coast_inverse(current, speed, p.time_ratio, 2.0 * p.diode_drop_v / battery_v)
+        else:
+            value, saturated = brake_command(current, speed)
+        if saturated:
+            bits |= CURRENT_SATURATED
+        if not abs(value) <= 1.0:
+            value = 0.0
+            bits |= NOT_FINITE
+        duty[i] = value
+        duty_ns[i] = int(math.floor(p.motor_sign[i] * value * p.period_ns + 0.5))
+    return bits
+
+
+@njit
 def step(p, body_command, added, scale, wheel_rate_rad_s, battery_v, wheel_command, applied, duty, duty_ns):
     """One tick for the three wheels.
 
@@ -93,19 +121,4 @@ def step(p, body_command, added, scale, wheel_rate_rad_s, battery_v, wheel_comma
         for i in range(3):
             total += p.body_from_wheel[j, i] * wheel_command[i]
         applied[j] = total / p.wheel_ratio - scale * added[j]
-    for i in range(3):
-        back_emf_v = p.torque_constant_n_m_a * wheel_rate_rad_s[i]
-        current = (p.nominal_voltage_v * wheel_command[i] - back_emf_v) / battery_v  # in units of stall current V_b / R
-        speed = back_emf_v / battery_v
-        if p.drive == DRIVE_COAST:
-            value, saturated = coast_inverse(current, speed, p.time_ratio, 2.0 * p.diode_drop_v / battery_v)
-        else:
-            value, saturated = brake_command(current, speed)
-        if saturated:
-            bits |= CURRENT_SATURATED
-        if not abs(value) <= 1.0:
-            value = 0.0
-            bits |= NOT_FINITE
-        duty[i] = value
-        duty_ns[i] = int(math.floor(p.motor_sign[i] * value * p.period_ns + 0.5))
-    return bits
+    return bits | duties(p, wheel_command, wheel_rate_rad_s, battery_v, duty, duty_ns)

@@ -14,12 +14,23 @@ Source: dissertation (5.35) and the cycle of section I.4 of the corrected equati
 """
 
 import math
+import sys
 from typing import NamedTuple
 
 import numpy as np
 
 from mip_rt.compiled import njit
-from mip_rt.estimators.rows import ROW, add_scaled_row, copy_row
+from mip_rt.estimators.rows import (
+    ROW,
+    add_scaled_row,
+    add_scaled_row_to_vector,
+    add_scaled_vector,
+    copy_row,
+    subtract_square,
+)
+
+# Of indices that are loaded: unsigned ones need no test for negative values, 64 bits are dear on a 32-bit machine.
+INDEX = np.uint64 if sys.maxsize > 2**32 else np.int32
 
 MEASUREMENTS = 8  # the most measurements a filter may have
 
@@ -42,6 +53,7 @@ STATE = np.dtype(
         ("rejected", "i8", (MEASUREMENTS,)),  # innovations refused since the last reset, by measurement
         ("refused_in_a_row", "i8", (MEASUREMENTS,)),
         ("status", "i8"),
+        # From here on scratch: nothing of it outlives a step, but for places that are written with the same number in each.
         ("A", "f8", (ROW, ROW)),  # df/dx, only its structural entries are ever written
         ("H", "f8", (MEASUREMENTS, ROW)),  # dh/dx, likewise
         ("h", "f8", (MEASUREMENTS,)),
@@ -52,6 +64,7 @@ STATE = np.dtype(
     ],
     align=True,
 )
+PERSISTENT = STATE.fields["A"][1]  # bytes at the beginning of the record that the next step reads
 
 NOISE = np.dtype(
     [
@@ -70,8 +83,8 @@ class Pattern(NamedTuple):
     """Places of the structural non-zero entries of a matrix, row by row (compressed rows).
 
     Attributes:
-        start: (rows + 1,) uint64, where each row's entries begin in `columns`.
-        columns: (entries,) uint64.
+        start: (rows + 1,) INDEX, where each row's entries begin in `columns`.
+        columns: (entries,) INDEX.
     """
 
     start: np.ndarray
@@ -81,8 +94,8 @@ class Pattern(NamedTuple):
 def pattern(rows) -> Pattern:
     """The `Pattern` of a sequence of (row, columns) pairs, one for each row in order; a row may have no columns."""
     listed = [tuple(columns) for _, columns in sorted(rows)]
-    start = np.cumsum([0] + [len(columns) for columns in listed]).astype(np.uint64)
-    return Pattern(start, np.array([c for columns in listed for c in columns], dtype=np.uint64))
+    start = np.cumsum([0] + [len(columns) for columns in listed]).astype(INDEX)
+    return Pattern(start, np.array([c for columns in listed for c in columns], dtype=INDEX))
 
 
 @njit
@@ -103,13 +116,14 @@ def reset(state, noise, n):
 
 
 @njit
-def _multiply(result, A, dt, start, columns, n, matrix):
-    """result = (I + dt A) matrix for the first n rows."""
+def _multiply(result, A, dt, start, columns, n, matrix, upper):
+    """result = (I + dt A) matrix for the first n rows; where `upper` is 1, only the columns from the diagonal on are needed."""
     for i in range(n):
-        copy_row(result, i, matrix, i)
+        first = i * upper
+        copy_row(result, i, matrix, i, first, n)
         for e in range(start[i], start[i + 1]):
             k = columns[e]
-            add_scaled_row(result, i, dt * A[i, k], matrix, k)
+            add_scaled_row(result, i, dt * A[i, k], matrix, k, first, n)
 
 
 @njit
@@ -118,11 +132,11 @@ def predict(state, noise, start, columns, n):
     P = state.P
     product = state.product
     transposed = state.transposed
-    _multiply(product, state.A, noise.dt_s, start, columns, n, P)
+    _multiply(product, state.A, noise.dt_s, start, columns, n, P, 0)
     for i in range(n):
         for j in range(n):
             transposed[j, i] = product[i, j]
-    _multiply(P, state.A, noise.dt_s, start, columns, n, transposed)
+    _multiply(P, state.A, noise.dt_s, start, columns, n, transposed, 1)
     for i in range(n):
         for j in range(i):
             P[i, j] = P[j, i]
@@ -154,7 +168,7 @@ def update(state, noise, start, columns, n, m, y, valid):
             gain[i] = 0.0
         for e in range(start[k], start[k + 1]):
             c = columns[e]
-            add_scaled_row(gain, 0, state.H[k, c], P, c)
+            add_scaled_row_to_vector(gain, state.H[k, c], P, c, n)
         variance = noise.R[k]
         for e in range(start[k], start[k + 1]):
             c = columns[e]
@@ -174,10 +188,9 @@ def update(state, noise, start, columns, n, m, y, valid):
         else:
             state.refused_in_a_row[k] = 0
         inverse = 1.0 / variance
-        add_scaled_row(dx, 0, innovation * inverse, gain, 0)
-        for i in range(n):
-            add_scaled_row(P, i, -gain[i] * inverse, gain, 0)
-    add_scaled_row(state.x, 0, 1.0, dx, 0)
+        add_scaled_vector(dx, innovation * inverse, gain, n)
+        subtract_square(P, inverse, gain, n)
+    add_scaled_vector(state.x, 1.0, dx, n)
     state.status = flags
 
 

@@ -1,27 +1,23 @@
-"""Operations on rows of 16 numbers, the words in which the filters are written.
+"""Operations on rows of 16 numbers, the words in which the filters are written; each in the form that suits the machine.
 
-A compiler that meets ``P[i, j] -= a * g[j]`` cannot know that P and g do not overlap, and falls back to one number at a
-time: the filter then takes twice as long. These two operations load, multiply and store a whole row as one LLVM vector,
-which becomes two to eight instructions on a PC and plain scalar code on a Cortex-A8 (whose double precision has no vectors).
+On a PC: a compiler that meets ``P[i, j] -= a * g[j]`` cannot know that P and g do not overlap, and falls back to one number at a time:
+the filter then takes twice as long. So there an operation loads, multiplies and stores a whole row as one LLVM vector (two to
+eight instructions) and does not care which columns are needed.
 
-With NUMBA_DISABLE_JIT=1 the same two names are ordinary numpy.
+On 32-bit ARM, whose double precision has no vectors, every number costs five instructions: there, and with NUMBA_DISABLE_JIT=1, an
+operation is a loop over the columns that are needed.
+
+Arguments in common: `first` and `n` bound the needed columns, first <= j < n; columns outside may be written or not.
 """
 
-from mip_rt.compiled import JIT_DISABLED
+import sys
 
-ROW = 16  # numbers in a row: the largest filter has 13 states, and 16 fills whole vector registers
+from mip_rt.compiled import JIT_DISABLED, njit
 
-if JIT_DISABLED:
+ROW = 16  # numbers in a row: the largest filter has 15 states, and 16 fills whole vector registers
+VECTORS = sys.maxsize > 2**32 and not JIT_DISABLED
 
-    def add_scaled_row(target, i, factor, source, k):
-        """target[i] += factor * source[k] for whole rows; a one-dimensional array of ROW numbers is its own row 0."""
-        target.reshape(-1, ROW)[i] += factor * source.reshape(-1, ROW)[k]
-
-    def copy_row(target, i, source, k):
-        """target[i] = source[k] for whole rows."""
-        target.reshape(-1, ROW)[i] = source.reshape(-1, ROW)[k]
-
-else:
+if VECTORS:
     from llvmlite import ir
     from numba import types
     from numba.extending import intrinsic
@@ -40,7 +36,7 @@ else:
         return builder.shuffle_vector(first, undefined, ir.Constant(_LANES, [0] * ROW))
 
     @intrinsic
-    def add_scaled_row(typing_context, target, i, factor, source, k):
+    def _add_scaled(typing_context, target, i, factor, source, k):
         """target[i] += factor * source[k] for whole rows; a one-dimensional array of ROW numbers is its own row 0."""
 
         def generate(context, builder, signature, arguments):
@@ -53,7 +49,7 @@ else:
         return types.void(target, types.uintp, types.float64, source, types.uintp), generate
 
     @intrinsic
-    def copy_row(typing_context, target, i, source, k):
+    def _copy(typing_context, target, i, source, k):
         """target[i] = source[k] for whole rows."""
 
         def generate(context, builder, signature, arguments):
@@ -63,3 +59,65 @@ else:
             return context.get_dummy_value()
 
         return types.void(target, types.uintp, source, types.uintp), generate
+
+    @njit
+    def copy_row(target, i, source, k, first, n):
+        """target[i, j] = source[k, j]."""
+        _copy(target, i, source, k)
+
+    @njit
+    def add_scaled_row(target, i, factor, source, k, first, n):
+        """target[i, j] += factor * source[k, j]."""
+        _add_scaled(target, i, factor, source, k)
+
+    @njit
+    def add_scaled_row_to_vector(target, factor, source, k, n):
+        """target[j] += factor * source[k, j]."""
+        _add_scaled(target, 0, factor, source, k)
+
+    @njit
+    def add_scaled_vector(target, factor, source, n):
+        """target[j] += factor * source[j]."""
+        _add_scaled(target, 0, factor, source, 0)
+
+    @njit
+    def subtract_square(matrix, factor, vector, n):
+        """matrix -= factor * vector vector' for a symmetric matrix."""
+        for i in range(n):
+            _add_scaled(matrix, i, -vector[i] * factor, vector, 0)
+
+else:
+
+    @njit
+    def copy_row(target, i, source, k, first, n):
+        """target[i, j] = source[k, j]."""
+        for j in range(first, n):
+            target[i, j] = source[k, j]
+
+    @njit
+    def add_scaled_row(target, i, factor, source, k, first, n):
+        """target[i, j] += factor * source[k, j]."""
+        for j in range(first, n):
+            target[i, j] += factor * source[k, j]
+
+    @njit
+    def add_scaled_row_to_vector(target, factor, source, k, n):
+        """target[j] += factor * source[k, j]."""
+        for j in range(n):
+            target[j] += factor * source[k, j]
+
+    @njit
+    def add_scaled_vector(target, factor, source, n):
+        """target[j] += factor * source[j]."""
+        for j in range(n):
+            target[j] += factor * source[j]
+
+    @njit
+    def subtract_square(matrix, factor, vector, n):
+        """matrix -= factor * vector vector' for a symmetric matrix: the upper half is computed, the lower one copied."""
+        for i in range(n):
+            scaled = -vector[i] * factor
+            for j in range(i, n):
+                value = matrix[i, j] + scaled * vector[j]
+                matrix[i, j] = value
+                matrix[j, i] = value

@@ -1,17 +1,19 @@
 """GPIO chips behind ioctl: requested lines are real file descriptors, edges arrive in them as the kernel's event records.
 
-A chip is a file that holds its bank's address. An event line is one end of a socket pair; an output line too, so that closing it
-(also by the death of the process that holds it) is seen from the other end, and the line falls to its pull-down.
+A chip is a file that holds its bank's address. An event line is one end of a socket pair. Output lines are bytes of a file beside the
+chip, one a line, and who holds a line has a lock on its byte that belongs to the open file description: so any process sees the level, and
+when the last descriptor closes, also by the death of its holder, the lock is gone and the line falls to its pull-down.
 """
 
 import errno
+import fcntl
+import mmap
 import os
 import socket
 import struct
+from pathlib import Path
 
 from mip_rt.hardware.gpio import (
-    EDGE_FALLING,
-    EDGE_RISING,
     EVENT_V1,
     EVENT_V2,
     GET_LINE_V2,
@@ -23,15 +25,22 @@ from mip_rt.hardware.gpio import (
 )
 
 
-class _Request:
-    """Lines held by a driver."""
+LINES = 32  # of a bank
+_LOCK = struct.Struct("hhqqi")  # struct flock with 64-bit offsets: type, whence, start, length, process
 
-    def __init__(self, address, offsets, values, events):
+
+def _lock(kind: int, offset: int) -> bytes:
+    return _LOCK.pack(kind, os.SEEK_SET, offset, 1, 0)
+
+
+class _Events:
+    """An input line held by a driver of this process."""
+
+    def __init__(self, layout):
         mine, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
         mine.setblocking(False)
         self.mine, self.fd = mine, theirs.detach()
-        self.address, self.offsets, self.values, self.events = address, offsets, values, events
-        self.sequence = 0
+        self.layout, self.sequence = layout, 0
 
     @property
     def held(self) -> bool:
@@ -44,28 +53,68 @@ class _Request:
             return False
 
 
+class _Bank:
+    """The output lines of one bank, as any process sees them."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        self.fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        os.ftruncate(self.fd, LINES)
+        self.levels = mmap.mmap(self.fd, LINES)
+
+    def held(self, offset: int) -> bool:
+        """Some process has the line requested."""
+        answer = fcntl.fcntl(self.fd, fcntl.F_OFD_GETLK, _lock(fcntl.F_WRLCK, offset))
+        return _LOCK.unpack(answer)[0] != fcntl.F_UNLCK
+
+    def level(self, offset: int) -> int:
+        """1 where a line is driven high, 0 where it is low or nobody holds it (pulled down)."""
+        return 1 if self.levels[offset] and self.held(offset) else 0
+
+    def request(self, offsets, values: int) -> int:
+        """Descriptor that holds these lines; OSError EBUSY where one is taken."""
+        fd = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
+        try:
+            for i, offset in enumerate(offsets):
+                fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _lock(fcntl.F_WRLCK, offset))
+                self.levels[offset] = values >> i & 1
+        except OSError as error:
+            os.close(fd)
+            raise OSError(errno.EBUSY, os.strerror(errno.EBUSY)) from error
+        return fd
+
+
 class FakeGpio:
     """All chips of a board.
 
     Args:
+        root: folder that stands for "/"; processes with the same root see the same output lines.
         abi: 2 for the newer ABI (the older works, too), 1 where the newer is refused as on Linux before 5.10.
     """
 
-    def __init__(self, abi: int = 2):
-        self._abi = abi
-        self._by_fd = {}
+    def __init__(self, root, abi: int = 2):
+        self._root, self._abi = Path(root), abi
+        self._banks = {}
         self._events = {}
-        self._outputs = {}
+        self._outputs = {}  # (bank, offsets) by descriptor
+
+    def bank(self, address: str) -> _Bank:
+        """The output lines of a bank."""
+        if address not in self._banks:
+            self._banks[address] = _Bank(self._root / "dev" / f"lines-{address}")
+        return self._banks[address]
 
     def ioctl(self, fd: int, request: int, argument, mutate: bool = True) -> int:
         """The requests that drivers make; EINVAL for others, EBUSY for a line that is taken."""
-        held = self._by_fd.get(fd)
-        if request == SET_VALUES_V2 and held is not None:
-            values, mask = struct.unpack_from("<QQ", argument)
-            held.values = held.values & ~mask | values & mask
-            return 0
-        if request == SET_VALUES_V1 and held is not None:
-            held.values = sum((argument[i] & 1) << i for i in range(len(held.offsets)))
+        if request in (SET_VALUES_V1, SET_VALUES_V2) and fd in self._outputs:
+            bank, offsets = self._outputs[fd]
+            if request == SET_VALUES_V2:
+                values, mask = struct.unpack_from("<QQ", argument)
+            else:
+                values, mask = sum((argument[i] & 1) << i for i in range(len(offsets))), -1
+            for i, offset in enumerate(offsets):
+                if mask >> i & 1:
+                    bank.levels[offset] = values >> i & 1
             return 0
         if request == GET_LINE_V2 and self._abi >= 2:
             return self._get_line_v2(fd, argument)
@@ -99,17 +148,24 @@ class FakeGpio:
         struct.pack_into("<i", argument, 360, self._make(self._address(fd), offsets, values, OUTPUT, None))
         return 0
 
-    def _make(self, address, offsets, values, flags, event) -> int:
-        table = self._outputs if flags & OUTPUT else self._events
+    def _make(self, address, offsets, values, flags, layout) -> int:
+        bank = self.bank(address)
         for offset in offsets:
-            for taken in (self._outputs.get((address, offset)), self._events.get((address, offset))):
-                if taken is not None and taken.held:
-                    raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
-        request = _Request(address, offsets, values, event if flags & (EDGE_FALLING | EDGE_RISING) else None)
-        self._by_fd[request.fd] = request
-        for offset in offsets:
-            table[address, offset] = request
+            taken = self._events.get((address, offset))
+            if bank.held(offset) or (taken is not None and taken.held):
+                raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
+        if flags & OUTPUT:
+            fd = bank.request(offsets, values)
+            self._outputs[fd] = (bank, offsets)
+            return fd
+        request = _Events(layout)
+        self._events[address, offsets[0]] = request
         return request.fd
+
+    def drives(self, fd: int, address: str, offset: int) -> bool:
+        """The descriptor holds this output line."""
+        bank, offsets = self._outputs.get(fd, (None, ()))
+        return bank is self._banks.get(address) and offset in offsets
 
     def push_edge(self, address: str, offset: int, timestamp_ns: int, edge: int) -> bool:
         """An edge (1 rising, 2 falling) at a line; False where nobody listens or the buffer is full (the kernel drops then, too)."""
@@ -118,7 +174,7 @@ class FakeGpio:
             return False
         request.sequence += 1
         try:
-            if request.events is EVENT_V1:
+            if request.layout is EVENT_V1:
                 request.mine.send(EVENT_V1.pack(timestamp_ns, edge))
             else:
                 request.mine.send(EVENT_V2.pack(timestamp_ns, edge, offset, request.sequence, request.sequence))
@@ -126,14 +182,13 @@ class FakeGpio:
             return False
         return True
 
-    def output(self, address: str, offset: int):
-        """(request, bit) of an output line for `level`, or None where nobody has requested it."""
-        request = self._outputs.get((address, offset))
-        return None if request is None else (request, request.offsets.index(offset))
-
     def line_value(self, address: str, offset: int) -> int:
         """Level of a line: what is driven, or 0 (pulled down) where nobody holds it."""
-        request = self._outputs.get((address, offset))
-        if request is None or not request.held:
-            return 0
-        return (request.values >> request.offsets.index(offset)) & 1
+        return self.bank(address).level(offset)
+
+    def close(self) -> None:
+        """Unmaps the banks."""
+        for bank in self._banks.values():
+            bank.levels.close()
+            os.close(bank.fd)
+        self._banks.clear()

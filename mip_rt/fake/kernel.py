@@ -27,6 +27,7 @@ class FakeKernel(Kernel):
         real_time: sleep for real, or jump on a virtual clock.
 
     Attributes:
+        start_ns: time of the world's sample 0.
         fake_ns: (rows, 2) time spent in the fakes during each sample's tick, before the loop woke and while it read; the row is
             that of the world's truth. Only in real time.
     """
@@ -34,17 +35,16 @@ class FakeKernel(Kernel):
     def __init__(self, root: Path, real_time: bool):
         self.root = Path(root)
         self._real = real_time
-        self._start_ns = time.monotonic_ns() if real_time else 1_000_000_000
-        self._now_ns = self._start_ns
-        self._next_ns = self._start_ns + SAMPLE_NS
+        self.start_ns = time.monotonic_ns() if real_time else 1_000_000_000
+        self._now_ns = self.start_ns
+        self._next_ns = self.start_ns + SAMPLE_NS
         self._prepared = False
         self._poll = select.poll()
         self._polled = set()
-        self._duty = np.zeros(3)
         self.fake_ns = np.zeros((TRUTH_ROWS, 2), np.int64)
         self._fake_row = 0
-        self.world = self.chip = self.operator = self.sysfs = self.gpio = self.bus = None
-        self.imu_line = self.motor_wiring = None
+        self.world = self.chip = self.operator = self.entrance = self.sysfs = self.gpio = self.bus = None
+        self.imu_line = self.motor_wiring = self.guard = None
 
     # -- what drivers call -------------------------------------------------------------------------------------------
     def monotonic_ns(self) -> int:
@@ -74,7 +74,7 @@ class FakeKernel(Kernel):
             return True
         while True:
             if self._next_ns > deadline:
-                self._wait_until(deadline)
+                self.wait_until(deadline)
                 return bool(self._poll.poll(0))
             self._sample()
             while self._real and self._next_ns <= time.monotonic_ns():
@@ -84,10 +84,11 @@ class FakeKernel(Kernel):
 
     def sample_of(self, edge_ns: int) -> int:
         """Number of the world's sample that raised the edge with this timestamp."""
-        return (edge_ns - self._start_ns) // SAMPLE_NS
+        return (edge_ns - self.start_ns) // SAMPLE_NS
 
     # -- the world behind --------------------------------------------------------------------------------------------
-    def _wait_until(self, moment_ns: int) -> None:
+    def wait_until(self, moment_ns: int) -> None:
+        """Lets time pass, without the world."""
         if not self._real:
             self._now_ns = max(self._now_ns, moment_ns)
             return
@@ -95,23 +96,35 @@ class FakeKernel(Kernel):
         if remaining > 0:
             time.sleep(remaining * 1e-9)
 
+    def stall(self, seconds: float) -> None:
+        """The caller is kept from going on, busy in real time, while the world moves."""
+        end_ns = self.monotonic_ns() + round(seconds * 1e9)
+        while self._real and time.monotonic_ns() < end_ns:
+            pass
+        self._pass_until(end_ns)
+
     def _pass_until(self, moment_ns: int) -> None:
         while self._next_ns <= moment_ns:
             self._sample()
-        self._wait_until(moment_ns)
+        self.wait_until(moment_ns)
 
     def _sample(self) -> None:
         """One IMU sample: the world moves up to it, then its moment comes, then the chip takes it and raises its line."""
         due_ns = self._next_ns
-        enabled = self.motor_wiring.read(self._duty)
-        self.operator.sample((due_ns - self._start_ns) * 1e-9, due_ns, enabled)
+        if self.guard is not None:  # on virtual time it lives in here
+            self.guard.step(due_ns)
+        enabled = self.motor_wiring.read(self.world.duty)
+        now_s = (due_ns - self.start_ns) * 1e-9
+        if self.entrance is not None:
+            self.entrance.serve(now_s, due_ns)
+        self.operator.sample(now_s, due_ns, enabled)
         world = self.world
-        world.advance(self._duty, enabled)
+        world.advance(world.duty, enabled)
         self.motor_wiring.show_encoders(world.counts)
         if world.samples % 40 == 1:
             self.motor_wiring.show_battery(world.battery_raw)
         self._next_ns = due_ns + SAMPLE_NS
-        self._wait_until(due_ns)
+        self.wait_until(due_ns)
         begin = time.perf_counter_ns() if self._real else 0
         if self.chip.sample(world.packet, world.raw):
             self.gpio.push_edge(*self.imu_line, due_ns, FALLING)

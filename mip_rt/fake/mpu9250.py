@@ -188,6 +188,8 @@ class FakeMpu9250:
             if registers[r.USER_CTRL] & r.USER_FIFO_EN:
                 for part in self._cut:
                     self._push(packet[part])
+        elif self.memory[r.CFG_20] == 0xF8:
+            return False  # with tap detection on, interrupts come with the packets; without it, with every sample
         registers[r.INT_STATUS] |= r.INT_DMP
         if not registers[r.INT_ENABLE] & r.INT_DMP:
             return False
@@ -211,7 +213,7 @@ class FakeMpu9250:
 
 
 class FakeI2cBus:
-    """`i2c_rdwr` and `close` of an smbus2.SMBus with one chip on it.
+    """`i2c_rdwr` and `close` of an smbus2.SMBus, and the prepared transfers of hardware.i2c, with one chip on it.
 
     Args:
         chip: FakeMpu9250.
@@ -243,6 +245,15 @@ class FakeI2cBus:
                 chip.write(ctypes.string_at(message.buf, message.len))
         if self._charge:
             self._charge(time.perf_counter_ns() - begin)
+
+    @staticmethod
+    def prepare(*messages):
+        """One combined transfer, for `transfer`."""
+        return messages
+
+    def transfer(self, prepared) -> None:
+        """Carries out a prepared transfer."""
+        self.i2c_rdwr(*prepared)
 
     def close(self) -> None:
         """Nothing is held."""

@@ -1,7 +1,8 @@
 """The scripted operator of a dry run: presses the button, holds and releases the robot, sends the remote's frames.
 
 Everything goes through the kernel boundary: the button is an edge on its GPIO line, the remote a byte stream on a pty. The operator
-holds the robot until its motors are enabled, and picks it up again when the arm button is pressed after a fall.
+holds the robot until its motors are enabled, and picks it up again when the arm button is pressed after a fall. `press: recover` is what an
+operator does who sees the robot off: he holds it upright and presses until it balances.
 """
 
 import math
@@ -11,6 +12,8 @@ from mip_rt.errors import ConfigError
 FRAME_EVERY = 4  # IMU samples between frames of the remote: 20 ms, 50 frames a second
 BUTTONS = {"none": 0, "triangle": 1, "circle": 2, "cross": 4, "square": 8}
 START_SELECT = 2
+RECOVER_EVERY = 240  # samples between presses of a recovery: acknowledge, arm; engaging takes half a second
+RECOVER_PRESSES = 4
 
 
 class Operator:
@@ -22,17 +25,25 @@ class Operator:
         world: fake.world.World.
         send: callable(x, y, buttons, start_select) that writes one frame; None without a remote.
         press_button: callable(timestamp_ns) that pushes the arm button.
+        injector: fake.injection.Injector for the scenario's faults.
+
+    Attributes:
+        quiet_until_s: no frames before this time: somebody else holds the remote.
     """
 
-    def __init__(self, scenario, levels, world, send, press_button):
+    def __init__(self, scenario, levels, world, send, press_button, injector):
         self._events = sorted(scenario.events, key=lambda event: event.at_s)
         self._levels = {round(level.yaw_rate_hz, 6): level for level in levels}
-        self._world, self._send, self._press_button = world, send, press_button
+        self._world, self._send, self.press_button = world, send, press_button
         self._next = 0
+        self._injector = injector
+        self._recoveries = self._recover_at = 0
         self._x = self._y = 0.0
         self._level = self._level_for(0.0)
         self._speed = (0.0, 0.0)
         self._start_select = 0
+        self._enabled = self._gripped = False
+        self.quiet_until_s = 0.0
 
     def _level_for(self, yaw_rate_hz: float):
         level = self._levels.get(round(yaw_rate_hz, 6))
@@ -50,17 +61,52 @@ class Operator:
         while self._next < len(self._events) and self._events[self._next].at_s <= now_s:
             self._do(self._events[self._next], now_ns)
             self._next += 1
-        if enabled and self._world.held:
+        if self._injector.until_ns <= now_ns:
+            self._injector.end(now_ns)
+        if self._recoveries and self._world.samples >= self._recover_at:
+            self._recover(now_ns, enabled)
+        self._enabled = enabled
+        if enabled and self._world.held and not self._gripped:
             self._world.release()
-        if self._send is not None and self._world.samples % FRAME_EVERY == 0:
+        if self._send is not None and self._world.samples % FRAME_EVERY == 0 and now_s >= self.quiet_until_s:
             self._send(self._x, self._y, BUTTONS[self._level.button], self._start_select)
             self._start_select = 0
 
+    def _recover(self, now_ns: int, enabled: bool) -> None:
+        if enabled:
+            self._recoveries = 0
+            return
+        self._recoveries -= 1
+        self._recover_at = self._world.samples + RECOVER_EVERY
+        self._world.hold()
+        self.press_button(now_ns)
+
+    def press_arm(self, now_ns: int) -> None:
+        """A person presses the arm button; a robot with its motors off is held upright for it."""
+        self._gripped = False
+        if not self._enabled:
+            self._world.hold()
+        self.press_button(now_ns)
+
+    def grip(self) -> None:
+        """A person takes the robot and keeps it, motors on or off."""
+        self._gripped = True
+        self._world.hold()
+
+    def let_go(self) -> None:
+        """The person lets go; with the motors off, the robot falls."""
+        self._gripped = False
+        self._world.release()
+
     def _do(self, event, now_ns: int) -> None:
+        if event.fault is not None:
+            self._injector.begin(event.fault, event.parameters, now_ns)
         if event.press in ("arm", "disarm"):
             if event.press == "arm":
                 self._world.hold()
-            self._press_button(now_ns)
+            self.press_button(now_ns)
+        elif event.press == "recover":
+            self._recoveries, self._recover_at = RECOVER_PRESSES, self._world.samples
         elif event.press == "heading_reset":
             self._start_select = START_SELECT
         if event.yaw_rate_hz is not None:

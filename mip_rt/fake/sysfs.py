@@ -21,6 +21,7 @@ class MappedFile:
     """A small file that the fake writes or reads through a mapping."""
 
     def __init__(self, path: Path, content: bytes):
+        self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
         self._fd = os.open(path, os.O_RDWR)

@@ -4,7 +4,7 @@ from mip_rt.hardware.boards import GPIO
 
 
 class Wiring:
-    """Three motors, three encoders and the battery of one board.
+    """Motors, encoders and battery of one board.
 
     Args:
         config: configuration (motors, encoders, battery, motor).
@@ -15,49 +15,36 @@ class Wiring:
 
     def __init__(self, config, board, sysfs, gpio):
         self._sysfs, self._gpio = sysfs, gpio
-        self._enable = (GPIO[board.enable[0]], board.enable[1])
+        self.enable_line = (GPIO[board.enable[0]], board.enable[1])
+        self._enable_bank = gpio.bank(self.enable_line[0])
         self._pins = [board.motors[channel] for channel in config.motors.channels]
         self._signs = config.motors.signs
         self._period_ns = 1e9 / config.motor.pwm_frequency_hz
         self._encoder_index = [channel - 1 for channel in config.encoders.channels]
         self._battery_channel = config.battery.adc_channel
-        self._parts = self._enable_request = None
-        self._age = self._enable_bit = 0
-        self._shown = [None, None, None]
+        self._parts = None
+        self._shown = [None] * len(self._encoder_index)
 
     def read(self, duty) -> bool:
-        """Fills duty (3,) with the signed duties by wheel that the drivers see; returns whether they are enabled."""
+        """Fills duty (wheels,) with the signed duties by wheel that the drivers see; returns whether they are enabled."""
         if self._parts is None and not self._connect():
             duty[:] = 0.0
             return False
-        if not self._enabled():
+        if not self._enable_bank.level(self.enable_line[1]):
             duty[:] = 0.0
             return False
-        for i, (file, a_request, a_bit, b_request, b_bit) in enumerate(self._parts):
-            direction = ((a_request.values >> a_bit) & 1) - ((b_request.values >> b_bit) & 1)
-            duty[i] = direction * self._signs[i] * file.number() / self._period_ns
+        for i, (file, a_levels, a, b_levels, b) in enumerate(self._parts):
+            duty[i] = (a_levels[a] - b_levels[b]) * self._signs[i] * file.number() / self._period_ns
         return True
-
-    def _enabled(self) -> bool:
-        """Level of the enable line; whether its holder still lives is looked up every 20 ms, that costs a system call."""
-        self._age = (self._age + 1) % 4
-        if self._age == 0 or self._enable_request is None:
-            found = self._gpio.output(*self._enable)
-            self._enable_request = found[0] if found is not None and self._gpio.line_value(*self._enable) else None
-            if self._enable_request is None:
-                return False
-            self._enable_bit = found[1]
-        return bool((self._enable_request.values >> self._enable_bit) & 1)
 
     def _connect(self) -> bool:
         parts = []
         for pin in self._pins:
             file = self._sysfs.duty_file(*pin.pwm)
-            a = self._gpio.output(GPIO[pin.a[0]], pin.a[1])
-            b = self._gpio.output(GPIO[pin.b[0]], pin.b[1])
-            if file is None or a is None or b is None:
+            lines = [(self._gpio.bank(GPIO[bank]), line) for bank, line in (pin.a, pin.b)]
+            if file is None or not all(bank.held(line) for bank, line in lines):
                 return False
-            parts.append((file, *a, *b))
+            parts.append((file, lines[0][0].levels, pin.a[1], lines[1][0].levels, pin.b[1]))
         self._parts = parts
         return True
 
@@ -67,11 +54,28 @@ class Wiring:
 
     def show_encoders(self, counts) -> None:
         """Puts the wheels' counts into the counters."""
-        for i in range(3):
+        for i, index in enumerate(self._encoder_index):
             count = int(counts[i])
             if count != self._shown[i]:
                 self._shown[i] = count
-                self._sysfs.set_count(self._encoder_index[i], count)
+                self._sysfs.set_count(index, count)
+
+    def count_file(self, wheel: int):
+        """The mapped file of a wheel's counter."""
+        return self._sysfs.counts[self._encoder_index[wheel]]
+
+    def duty_file(self, wheel: int):
+        """The mapped file of a wheel's duty; None before the driver exports it."""
+        return self._sysfs.duty_file(*self._pins[wheel].pwm)
+
+    @property
+    def battery_file(self):
+        """The mapped file of the battery's reading."""
+        return self._sysfs.adc[self._battery_channel]
+
+    def forget_shown(self) -> None:
+        """Shows all counts anew at the next sample, after their files were changed."""
+        self._shown = [None, None, None]
 
     def show_battery(self, raw: int) -> None:
         """Puts the battery's reading into the ADC."""

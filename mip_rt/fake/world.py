@@ -5,13 +5,13 @@ registers, the encoder counts, the battery's ADC reading; and the truth, for jud
 generator, drawn in blocks: the same seed and commands give the same world, bit for bit.
 """
 
+import importlib
 import math
 
 import numpy as np
 
-from mip_rt.fake import plant
-from mip_rt.models import mbbr
-from mip_rt.robots.mbbr_setup import orthonormal
+from mip_rt.fake.plant import NORMALS
+
 
 BLOCK = 1024  # samples of random numbers drawn at a time
 TRUTH_ROWS = 4096
@@ -37,22 +37,25 @@ class World:
         seed: of all randomness.
 
     Attributes:
+        duty: (wheels,) where the boundary puts the signed duties that the motor drivers see.
         packet: 32 bytes, the DMP's packet of the newest sample, in the chip's form.
         raw: 14 bytes, accelerometer, temperature and gyro registers.
-        counts: (3,) int64 encoder counts by wheel, wiring signs included.
-        truth: (TRUTH_ROWS,) plant.TRUTH ring, row `truth_row` is the newest; `truth_rows` is the same as a plain array.
+        counts: (wheels,) int64 encoder counts by wheel, wiring signs included.
+        truth: (TRUTH_ROWS,) ring of the plant's TRUTH, row `truth_row` is the newest; `truth_rows` is the same as a plain array.
     """
 
     def __init__(self, config, seed: int):
+        self.plant = plant = importlib.import_module(f"mip_rt.fake.{config.robot}_plant")
         self._random = np.random.default_rng(seed)
         self.parameters = np.zeros(1, plant.PARAMETERS).view(np.recarray)
         self.state = np.zeros(1, plant.STATE).view(np.recarray)
         self.truth = np.zeros(TRUTH_ROWS, plant.TRUTH).view(np.recarray)
         self.truth_row = 0
         self.samples = 0
-        self._normals = self._random.standard_normal((BLOCK, plant.NORMALS))
+        self._normals = self._random.standard_normal((BLOCK, NORMALS))
         self._adc = (config.battery.ratio, config.battery.offset_v)
         _configure(self.parameters[0], config)
+        plant.configure(self.parameters[0], config)
         # Plain arrays of the same memory: numba recognises those ten times faster than record arrays.
         self._arguments = (
             self.parameters.view(plant.PARAMETERS).view(np.ndarray),
@@ -64,6 +67,7 @@ class World:
         s.battery_v = self.parameters[0].battery_v
         self.packet = memoryview(np.asarray(s.packet)).cast("B")
         self.counts = np.asarray(s.count)
+        self.duty = np.zeros(plant.WHEELS)
         self.raw = memoryview(np.asarray(s.raw)).cast("B")[:14]
         self.lean_rad = config.dry_run.initial_lean_rad
         self.hold()
@@ -72,8 +76,7 @@ class World:
         """The operator picks the robot up and holds it at the configured lean."""
         s = self.state[0]
         s.held = 1
-        s.hand_rad[:] = self.lean_rad
-        s.x[0], s.x[1] = self.lean_rad
+        self.plant.hold(s, self.lean_rad)
 
     def release(self) -> None:
         """The operator lets go; a robot that lies stays down."""
@@ -94,13 +97,13 @@ class World:
         return min(max(raw, 0), 4095)
 
     def advance(self, duty, enabled: bool) -> None:
-        """One sample: duty is a (3,) float64 array of signed duties by wheel."""
+        """One sample: duty is a (wheels,) float64 array of signed duties by wheel."""
         block_row = self.samples % BLOCK
         if block_row == 0 and self.samples:
             self._random.standard_normal(out=self._normals)
         self.samples += 1
         self.truth_row = self.samples % TRUTH_ROWS
-        plant.advance(*self._arguments, self._normals, block_row, duty, enabled, self.truth_rows, self.truth_row)
+        self.plant.advance(*self._arguments, self._normals, block_row, duty, enabled, self.truth_rows, self.truth_row)
 
     def set(self, name: str, value) -> None:
         """Changes a parameter of the running world.
@@ -108,30 +111,14 @@ class World:
         Raises:
             KeyError: no such parameter.
         """
-        if name not in plant.PARAMETERS.names or name in ("model", "body_from_wheel", "chip_from_body"):
+        if name not in self.plant.PARAMETERS.names or name in ("model", "body_from_wheel", "chip_from_body"):
             raise KeyError(name)
         self.parameters[name] = value
 
 
 def _configure(p, config) -> None:
-    m, dry, motor = config.model, config.dry_run, config.motor
+    dry, motor = config.dry_run, config.motor
     error = dry.model_error
-    true = mbbr.parameters(
-        body_mass_kg=m.body_mass_kg * error.mass,
-        ball_mass_kg=m.ball_mass_kg * error.mass,
-        ball_radius_m=m.ball_radius_m,
-        wheel_radius_m=m.wheel_radius_m,
-        com_height_m=m.com_height_m * error.com_height,
-        body_inertia_kg_m2=np.array(m.body_inertia_kg_m2) * error.inertia,
-        ball_inertia_kg_m2=m.ball_inertia_kg_m2 * error.inertia,
-        wheel_inertia_kg_m2=m.wheel_inertia_kg_m2 * error.inertia,
-        gravity_m_s2=m.gravity_m_s2,
-        imu_position_m=config.imu.position_m,
-    )
-    p.model = true[0]
-    p.body_from_wheel[:] = orthonormal(config.wheels.body_from_wheel)
-    p.coulomb_n_m = config.friction.coulomb_n_m * error.friction * dry.friction
-    p.viscous_n_m_s_rad = config.friction.viscous_n_m_s_rad * error.friction * dry.friction
     p.resistance_ohm = motor.resistance_ohm
     p.torque_constant_n_m_a = motor.torque_constant_n_m_a * error.motor
     p.inductance_h, p.pwm_period_s = motor.inductance_h, 1.0 / motor.pwm_frequency_hz
@@ -148,8 +135,6 @@ def _configure(p, config) -> None:
     p.chip_from_body[:] = np.array(config.imu.mounting, float).T
     p.gyro_count_per_rad_s = 32768.0 / math.radians(config.imu.gyro_range_dps)
     p.accel_count_per_m_s2 = 32768.0 / (config.imu.accel_range_g * 9.80665)
-    p.vibration_torque_n_m, p.vibration_accel_m_s2 = dry.vibration_torque_n_m, dry.vibration_accel_m_s2
-    p.rollers_per_ball_turn = dry.rollers_per_ball_turn
     p.dmp_lag_s, p.dmp_noise_rad = dry.dmp_lag_s, dry.dmp_noise_rad
     p.dmp_noise_time_s, p.dmp_yaw_drift_rad_s = dry.dmp_noise_time_s, dry.dmp_yaw_drift_rad_s
     # A chip that is turned against the body sees the body turned the other way, and so does its DMP.

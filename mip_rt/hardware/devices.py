@@ -41,10 +41,11 @@ class Devices:
             part.close()
 
 
-def open_devices(kernel, config, remote_device: str | None, image=None) -> Devices:
-    """Opens and starts everything: motors (off) first, so that their enable line is held low from the beginning.
+def open_devices(kernel, config, enable, remote_device: str | None, image=None) -> Devices:
+    """Opens and starts everything: motors (off) first. The guard holds their enable line low from the beginning.
 
     Args:
+        enable: the enable line: guard_client.GuardClient.
         remote_device: path of the remote's port; None for no remote.
         image: (path, sha256) of another DMP image than the configuration's.
 
@@ -52,7 +53,8 @@ def open_devices(kernel, config, remote_device: str | None, image=None) -> Devic
         HardwareError: with code and cure, for the first device that refuses.
     """
     pins = board(config.board, kernel)
-    motors = Motors(kernel, pins, config.motors.channels, round(1e9 / config.motor.pwm_frequency_hz))
+    enable.wait_ready()
+    motors = Motors(kernel, pins, config.motors.channels, round(1e9 / config.motor.pwm_frequency_hz), enable)
     motors.start()
     encoders = tuple(Encoder(kernel, pins.encoders[channel - 1]) for channel in config.encoders.channels)
     for encoder in encoders:
@@ -64,7 +66,7 @@ def open_devices(kernel, config, remote_device: str | None, image=None) -> Devic
     settings = config.imu
     if image is not None:
         settings = SimpleNamespace(**{**vars(config.imu), "dmp_image": image[0], "dmp_image_sha256": image[1]})
-    imu = Mpu9250(kernel, settings)
+    imu = Mpu9250(kernel, settings, config.realtime.rate_hz)
     imu.start()
     remote = RemoteCommand(port, FourJoyDecoder(), config.remote)
     return Devices(imu, imu_line, encoders, motors, battery, button, remote, port, battery.read())

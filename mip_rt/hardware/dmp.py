@@ -13,6 +13,7 @@ from mip_rt.hardware import mpu9250_registers as r
 
 GYRO_SCALE = 46850825  # trunc(2^44 (2000 / 32768) (pi / 180) / (2 * 200)): holds for 2000 deg/s at 200 Hz only
 CHUNK = 16
+SAMPLE_HZ = 200
 
 
 def load_image(path, sha256: str) -> bytes:
@@ -60,8 +61,11 @@ def _tap_writes(accel_range_g: int):
     yield r.D_1_88, struct.pack(">H", 10 // 5)
 
 
-def feature_writes(orientation: str, accel_range_g: int):
-    """(address, bytes) in order: 6-axis quaternion, raw accelerometer and gyro, gesture word: the 32-byte packet at 200 Hz."""
+def feature_writes(orientation: str, accel_range_g: int, rate_hz: float = SAMPLE_HZ):
+    """(address, bytes) in order: 6-axis quaternion, raw accelerometer and gyro, gesture word: the 32-byte packet at rate_hz.
+
+    The DMP itself always runs at 200 Hz; rate_hz, a divisor of it, is how often it delivers.
+    """
     yield from _orientation_writes(orientation)
     yield r.D_0_104, struct.pack(">I", GYRO_SCALE)
     yield r.CFG_15, bytes((0xA3, 0xC0, 0xC8, 0xC2, 0xC4, 0xCC, 0xC6, 0xA3, 0xA3, 0xA3))
@@ -73,7 +77,7 @@ def feature_writes(orientation: str, accel_range_g: int):
     yield r.CFG_ANDROID_ORIENT, b"\xd8"
     yield r.CFG_LP_QUAT, bytes((0x8B,) * 4)
     yield r.CFG_8, bytes((0x20, 0x28, 0x30, 0x38))
-    yield r.D_0_22, b"\x00\x00"
+    yield r.D_0_22, struct.pack(">H", round(SAMPLE_HZ / rate_hz) - 1)
     yield r.CFG_6, bytes((0xFE, 0xF2, 0xAB, 0xC4, 0xAA, 0xF1, 0xDF, 0xDF, 0xBB, 0xAF, 0xDF, 0xDF))
     yield r.CFG_FIFO_ON_EVENT, bytes((0xD8, 0xB1, 0xB9, 0xF3, 0x8B, 0xA3, 0x91, 0xB6, 0x09, 0xB4, 0xD9))
 

@@ -24,6 +24,7 @@ class Encoder:
     Attributes:
         interface: "counter" or "tieqep".
         errors: reads that failed; the last count is then repeated.
+        failing: the last read failed.
     """
 
     def __init__(self, kernel, address: str):
@@ -44,6 +45,7 @@ class Encoder:
         self._fd = -1
         self._raw = self._count = 0
         self.errors = 0
+        self.failing = False
 
     def start(self) -> None:
         """Full range, quadrature, zero, on; then checks that a count can be written and read back.
@@ -78,7 +80,9 @@ class Encoder:
             raw = int(os.pread(self._fd, 24, 0))
         except (OSError, ValueError):
             self.errors += 1
+            self.failing = True
             return self._count
+        self.failing = False
         self._count += (raw - self._raw + HALF) % WRAP - HALF
         self._raw = raw
         return self._count

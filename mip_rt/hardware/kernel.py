@@ -49,7 +49,7 @@ class Kernel:
         return fcntl.ioctl(fd, request, argument, mutate)
 
     def open_i2c(self, bus: int):
-        """An smbus2 bus; drivers use `i2c_rdwr` and `close` only."""
-        import smbus2
+        """A hardware.i2c.I2cBus; drivers use `i2c_rdwr`, `prepare`, `transfer` and `close` only."""
+        from mip_rt.hardware.i2c import I2cBus
 
-        return smbus2.SMBus(bus)
+        return I2cBus(bus)

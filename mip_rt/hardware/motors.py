@@ -1,7 +1,7 @@
 """The motors: PWM, direction lines and the enable line, behind one handle that only the supervisor holds.
 
 Truth tables: TB6612 and MC33926 with PWM on D2 share one: A = 1, B = 0 forward; A = 0, B = 1 backward; the enable line (standby, EN) low
-switches the outputs off. It is held through the character device, so that it falls when the process dies.
+switches the outputs off. The guard's process holds it (mip_rt/guard.py); the motors only ask for it.
 """
 
 from mip_rt.errors import MotorError
@@ -11,27 +11,28 @@ from mip_rt.hardware.pwm import PwmChannel
 
 
 class Motors:
-    """Three motors.
+    """The motors of a robot.
 
     Args:
         kernel: hardware.kernel.Kernel.
         board: hardware.boards.Board.
-        channels: the board's motor outputs of wheels 1 to 3.
+        channels: the board's motor outputs by wheel.
         period_ns: PWM period.
+        enable: the enable line: guard_client.GuardClient.
 
     Attributes:
         errors: writes that the kernel refused.
         last_error: the last of them, None before the first.
-        enabled: the enable line is high.
+        enabled: the enable line was asked to be high.
+        beat: the enable line's `beat(now_ns)`, which the supervisor calls once a tick.
     """
 
-    def __init__(self, kernel, board, channels, period_ns: int):
+    def __init__(self, kernel, board, channels, period_ns: int, enable):
         pins = [board.motors[channel] for channel in channels]
         self._pwm = [PwmChannel(kernel, *pin.pwm) for pin in pins]
         self._period_ns = period_ns
         self.errors, self.last_error, self.enabled = 0, None, False
-        bank, offset = board.enable
-        self._enable = OutputLines(kernel, GPIO[bank], (offset,), 0, "mip-rt enable")
+        self._enable, self.beat = enable, enable.beat
         # Direction lines may lie in several banks: one request a bank, and for each motor its bits there.
         by_bank = {}
         for pin in pins:
@@ -42,7 +43,7 @@ class Motors:
         self._direction = [
             tuple((lines[bank], 1 << by_bank[bank].index(offset)) for bank, offset in (pin.a, pin.b)) for pin in pins
         ]
-        self._sign = [0, 0, 0]
+        self._sign = [0] * len(pins)
 
     def start(self) -> None:
         """Sets up the PWM channels, all off; the enable line stays low."""
@@ -56,19 +57,19 @@ class Motors:
         try:
             for channel in self._pwm:
                 channel.off()
-            self._enable.set(1, 1)
+            self._enable.set(True)
             self.enabled = True
             return True
         except OSError as error:
             return self._failed(error)
 
     def write(self, duty_ns) -> bool:
-        """Three signed pulses in ns; only changes reach the kernel. False where it refuses.
+        """One signed pulse in ns a motor; only changes reach the kernel. False where it refuses.
 
         At a reversal the old pulse is taken away before the direction changes.
         """
         try:
-            for i in range(3):
+            for i in range(len(self._sign)):
                 pulse = duty_ns[i]
                 if pulse == 0:
                     self._pwm[i].write(0)
@@ -98,11 +99,8 @@ class Motors:
 
     def off(self) -> None:
         """Enable low and duty 0; every part is tried, whatever the others do. Never raises."""
-        try:
-            self._enable.set(0, 1)
-            self.enabled = False
-        except OSError as error:
-            self._failed(error)
+        self._enable.set(False)
+        self.enabled = False
         for channel in self._pwm:
             try:
                 channel.off()
@@ -110,10 +108,10 @@ class Motors:
                 self._failed(error)
 
     def close(self) -> None:
-        """Off, then every line and file is released. Raises nothing but what a later start would also meet."""
+        """Off, then every line and file but the enable line is released. Raises nothing but what a later start would also meet."""
         self.off()
         problems = []
-        for part in (*self._pwm, *self._direction_lines, self._enable):
+        for part in (*self._pwm, *self._direction_lines):
             try:
                 part.close()
             except OSError as error:

@@ -45,6 +45,7 @@ class Mpu9250:
     Args:
         kernel: hardware.kernel.Kernel.
         settings: the configuration's imu section.
+        rate_hz: packets a second, a divisor of 200.
 
     Attributes:
         chip: name of the chip that answered, after `start`.
@@ -52,19 +53,22 @@ class Mpu9250:
         counters: how often each kind of trouble occurred.
     """
 
-    def __init__(self, kernel, settings):
+    def __init__(self, kernel, settings, rate_hz: float = dmp.SAMPLE_HZ):
         from smbus2 import i2c_msg
 
         self._kernel, self._settings, self._message = kernel, settings, i2c_msg
+        self._rate_hz = rate_hz
         self._bus = kernel.open_i2c(settings.bus)
         address = settings.address
-        self._count_request = i2c_msg.write(address, [r.FIFO_COUNT_H])
-        self._count_reply = i2c_msg.read(address, 2)
-        self._fifo_request = i2c_msg.write(address, [r.FIFO_R_W])
-        # One reply message for each number of waiting packets; only the last packet of it is used.
-        self._fifo_reply = [i2c_msg.read(address, r.PACKET_BYTES * n) for n in range(1, r.FIFO_BYTES // r.PACKET_BYTES + 1)]
-        self._count_bytes = _bytes_of(self._count_reply, 0, 2)
-        self._packets = [_bytes_of(m, r.PACKET_BYTES * n, r.PACKET_BYTES) for n, m in enumerate(self._fifo_reply)]
+        count_reply = i2c_msg.read(address, 2)
+        self._read_count = self._bus.prepare(i2c_msg.write(address, [r.FIFO_COUNT_H]), count_reply)
+        self._count_bytes = _bytes_of(count_reply, 0, 2)
+        # One transfer for each number of waiting packets; only the last packet of it is used.
+        request = i2c_msg.write(address, [r.FIFO_R_W])
+        replies = [i2c_msg.read(address, r.PACKET_BYTES * n) for n in range(1, r.FIFO_BYTES // r.PACKET_BYTES + 1)]
+        self._read_fifo = [self._bus.prepare(request, reply) for reply in replies]
+        self._packets = [_bytes_of(m, r.PACKET_BYTES * n, r.PACKET_BYTES) for n, m in enumerate(replies)]
+        self._kept = request, count_reply, replies  # the prepared transfers point into their buffers
         self._last = bytearray(r.PACKET_BYTES)
         self._equal = 0
         self._quarrels = 0
@@ -87,7 +91,7 @@ class Mpu9250:
         self._step("configure", self._configure)
         self._step("load the DMP image", lambda: self._write_memory(0, image))
         self._step("start address", lambda: self._write(r.PRGM_START_H, r.DMP_START >> 8, r.DMP_START & 0xFF))
-        for address, data in dmp.feature_writes(s.dmp_orientation, s.accel_range_g):
+        for address, data in dmp.feature_writes(s.dmp_orientation, s.accel_range_g, self._rate_hz):
             self._step(f"DMP feature at {address}", lambda a=address, d=data: self._write_memory(a, d))
         self._step("start the FIFO", self.recover)
 
@@ -173,11 +177,11 @@ class Mpu9250:
                 )
 
     # -- hot path ----------------------------------------------------------------------------------------------------
-    def _transfer(self, request, reply) -> int:
+    def _transfer(self, prepared) -> int:
         """0, or the bits of what went wrong; one immediate retry, none after a time-out: the kernel has already waited a second."""
         for _ in range(2):
             try:
-                self._bus.i2c_rdwr(request, reply)
+                self._bus.transfer(prepared)
                 return 0
             except OSError as error:
                 if error.errno == errno.ETIMEDOUT:
@@ -189,7 +193,7 @@ class Mpu9250:
     def read(self, buffer, offset: int) -> int:
         """Copies the newest packet (32 bytes) to buffer[offset:]; returns the IMU_* bits. Never raises for the bus."""
         self.backlog = 0
-        refused = self._transfer(self._count_request, self._count_reply)
+        refused = self._transfer(self._read_count)
         if refused:
             return refused
         count_bytes = self._count_bytes
@@ -199,7 +203,7 @@ class Mpu9250:
         status = 0
         if count % r.PACKET_BYTES:
             self._kernel.sleep(HALF_WRITTEN_WAIT_S)
-            refused = self._transfer(self._count_request, self._count_reply)
+            refused = self._transfer(self._read_count)
             if refused:
                 return refused
             count = (count_bytes[0] & 0x1F) << 8 | count_bytes[1]
@@ -211,7 +215,7 @@ class Mpu9250:
             waiting = len(self._packets)
             self.counters["overflows"] += 1
             status |= IMU_OVERFLOW
-        refused = self._transfer(self._fifo_request, self._fifo_reply[waiting - 1])
+        refused = self._transfer(self._read_fifo[waiting - 1])
         if refused:
             return status | refused
         if waiting > 1:

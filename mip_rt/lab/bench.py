@@ -1,7 +1,6 @@
-"""The verb `mip-rt bench`: what things cost, how well the estimators do, what the controller survives."""
+"""The verb `mip-rt bench`: what things cost, how well the estimators do, what the controller survives, how fast the guard is."""
 
 import json
-import sys
 import tempfile
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from mip_rt import session as runner
 from mip_rt.config import published
 from mip_rt.config import scenario as scenarios
 from mip_rt.fake import bench as fake_bench
+from mip_rt.lab import batch
 
 DRIVES = (("drive", 0.0), ("drive-spin-0.5", 0.5), ("drive-spin-1.0", 1.0), ("drive-spin-1.5", 1.5))
 ALL_SCENARIOS = ("hold", "spin-0.5", "spin-1.0", "spin-1.5", "drive-spin-1.0", "dissertation-6.4.5")
@@ -30,20 +30,23 @@ def dry_run(overrides: dict, scenario: str, seed: int, duration_s: float | None 
         bench.close()
 
 
-def estimators(quick: bool) -> dict:
+def work(job: tuple) -> dict:
+    """dry_run of its arguments, for a batch."""
+    return dry_run(*job)
+
+
+def estimators(quick: bool, cluster=None, workers=None) -> dict:
     """Errors of every estimator on the same samples, by yaw rate, while driving at 0.2 m/s; mean over seeds."""
     shadows = [name for name in published.ESTIMATORS if name != "dmp_ekf"]
     seeds = range(1, 2 if quick else 4)
+    overrides = {"estimator.shadows": f"[{', '.join(shadows)}]"}
+    reports = batch.results(work, [(overrides, scenario, seed) for scenario, _ in DRIVES for seed in seeds], "runs", cluster, workers)
     table = {}
-    for number, (scenario, yaw_rate_hz) in enumerate(DRIVES):
-        runs = []
-        for seed in seeds:
-            progress(number * len(seeds) + seed - 1, len(DRIVES) * len(seeds), f"{scenario}, seed {seed}")
-            runs.append(dry_run({"estimator.shadows": f"[{', '.join(shadows)}]"}, scenario, seed)["estimators"])
+    for number, (_, yaw_rate_hz) in enumerate(DRIVES):
+        runs = [report["estimators"] for report in reports[number * len(seeds) : (number + 1) * len(seeds)]]
         table[yaw_rate_hz] = {
             name: {key: float(np.sqrt(np.mean([run[name][key] ** 2 for run in runs]))) for key in runs[0][name]} for name in runs[0]
         }
-    progress(1, 1, "")
     return table
 
 
@@ -67,19 +70,17 @@ def draw(random, index: int) -> dict:
     return overrides
 
 
-def robustness(quick: bool) -> dict:
+def robustness(quick: bool, cluster=None, workers=None) -> dict:
     """{scenario: list of (draw, balanced seconds, fell)} over seeded draws of everything at once."""
-    found, count = {}, 3 if quick else 8
-    for number, scenario in enumerate(ALL_SCENARIOS):
-        found[scenario] = []
+    listed = []
+    for scenario in ALL_SCENARIOS:
         random = np.random.default_rng(7)
-        for index in range(count):
-            progress(number * count + index, count * len(ALL_SCENARIOS), f"{scenario}, draw {index}")
-            overrides = draw(random, index)
-            report = dry_run({"estimator.shadows": "[]", **overrides}, scenario, index + 1)
-            failed = report["fell"] or bool(report["faults"]) or report["balanced_s"] < report["duration_s"] - 3.0
-            found[scenario].append((overrides, report["balanced_s"], failed, report["tilt_max_rad"]))
-    progress(1, 1, "")
+        for index in range(3 if quick else 8):
+            listed.append(({"estimator.shadows": "[]", **draw(random, index)}, scenario, index + 1))
+    found = {scenario: [] for scenario in ALL_SCENARIOS}
+    for (overrides, scenario, _), report in zip(listed, batch.results(work, listed, "draws", cluster, workers)):
+        failed = report["fell"] or bool(report["faults"]) or report["balanced_s"] < report["duration_s"] - 3.0
+        found[scenario].append((overrides, report["balanced_s"], failed, report["tilt_max_rad"]))
     return found
 
 
@@ -114,31 +115,25 @@ def speed(quick: bool) -> dict:
     return {"ekf_step_ns": ekf_ns, "tick_us": tick_us, "times_real_time": duration / (time.perf_counter() - begin)}
 
 
-def progress(done: int, total: int, what: str) -> None:
-    """A progress bar on standard error, where that is a terminal."""
-    if sys.stderr.isatty():
-        filled = round(30 * done / max(total, 1))
-        end = "\n" if done == total else "\r"
-        sys.stderr.write(f"[{'#' * filled}{'.' * (30 - filled)}] {done}/{total} {what}\x1b[K{end}")
-        sys.stderr.flush()
-
-
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness", "alarms"),
-                        help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; false alarms")  # fmt: skip
+    parser.add_argument("what", choices=("steps", "estimators", "robustness", "alarms", "log", "log-damage", "guard"),
+                        help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; false alarms in ordinary driving; "
+                        "cost of the log in the loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; "
+                        "enable line after a kill or hang")  # fmt: skip
     parser.add_argument("--hours", metavar="N", type=float, default=1.0, help="alarms: simulated hours of driving")
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--quick", action="store_true", help="fewer seeds or ticks")
+    parser.add_argument("--quick", action="store_true", help="fewer seeds, ticks or runs")
+    batch.add_arguments(parser)
 
 
 def run(arguments) -> int:
-    """Exit code 1 where a robustness draw fell, or ordinary driving raised an alarm."""
+    """Exit code 1 where a robustness draw fell, ordinary driving raised an alarm, a log lost more than it may, or the enable line fell late."""
     if arguments.what == "estimators":
-        table = estimators(arguments.quick)
+        table = estimators(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(table)) if arguments.json else print_estimators(table)
     elif arguments.what == "robustness":
-        found = robustness(arguments.quick)
+        found = robustness(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(found)) if arguments.json else print_robustness(found)
         return int(any(entry[2] for draws in found.values() for entry in draws))
     elif arguments.what == "alarms":
@@ -147,6 +142,14 @@ def run(arguments) -> int:
         found = alarms.run(arguments.hours, progress)
         print(json.dumps(found)) if arguments.json else alarms.print_table(found)
         return int(any(result["faults"] or any(result["graded"].values()) for result in found))
+    elif arguments.what.startswith("log"):
+        from mip_rt.lab import log_costs, log_damage
+
+        module = log_costs if arguments.what == "log" else log_damage
+        figures = module.report(arguments.quick, progress)
+        progress(1, 1, "")
+        print(json.dumps(figures)) if arguments.json else module.render(figures)
+        return int(module is log_damage and not log_damage.passed(figures))
     else:
         figures = speed(arguments.quick)
         if arguments.json:

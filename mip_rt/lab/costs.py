@@ -1,11 +1,13 @@
-"""Costs of a tick without its surroundings: N steps of the EKF, or N whole ticks with the boundary reduced to prepared answers.
+"""Costs of a tick without its surroundings: N steps of the EKF, N whole ticks, or N times one part of a tick.
 
-For a tick the fakes are replaced by stubs after the robot balances: the wait returns at once, the bus copies one of a few recorded packets, the
-encoders and PWM files are real files. What remains is what the controller itself costs, which `tools/test-armhf` counts in instructions.
+For a tick the fakes are replaced by stubs after the robot balances: the IMU's line is always readable, the bus makes the driver's own ioctl
+with a request that does nothing and shows one of a few recorded packets, the encoders and PWM files are real files. What remains is
+what the controller itself costs, which `tools/test-armhf` counts in instructions.
 """
 
-import ctypes
+import fcntl
 import itertools
+import os
 import tempfile
 import time
 
@@ -18,11 +20,14 @@ from mip_rt.config import scenario as scenarios
 from mip_rt.estimators import mbbr_ekf
 from mip_rt.fake import bench as fake_bench
 from mip_rt.fake.kernel import SAMPLE_NS
-from mip_rt.hardware import mpu9250_registers as registers
+from mip_rt.hardware.i2c import I2cBus
+from mip_rt.hardware.imu_status import IMU_OK
+from mip_rt.hardware.kernel import Kernel
 from mip_rt.robots import mbbr_setup
 from mip_rt.supervisor import State
 
 PACKETS = 8
+FIOCLEX = 0x5451  # an ioctl without effect here
 
 
 @njit
@@ -57,21 +62,24 @@ def stubbed_loop():
     patient = session.robot.parameters[0].health
     patient.stall_duty_s = patient.mismatch_limit_rad = np.inf
     patient.saturation_ticks = 1 << 40
-    kernel, count, turn = bench.kernel, (32).to_bytes(2, "big"), [0]
-    numbers = {registers.FIFO_COUNT_H: count}
+    kernel, imu, readable = bench.kernel, loop.devices.imu, os.pipe()
+    os.write(readable[1], b"x")
+    turn, lone = itertools.cycle(packets), imu._packets[0]
+    count = I2cBus.prepare(*imu._kept[:2])  # the structure that the real driver hands to the kernel
 
-    def transfer(request, reply):
-        if reply.len == 2:
-            ctypes.memmove(reply.buf, numbers[registers.FIFO_COUNT_H], 2)
-        else:
-            turn[0] = (turn[0] + 1) % PACKETS
-            ctypes.memmove(reply.buf, packets[turn[0]], 32)
+    def transfer(prepared):
+        fcntl.ioctl(readable[0], FIOCLEX, count)
+        if prepared is not imu._read_count:
+            lone[:] = next(turn)
 
-    kernel.bus.i2c_rdwr = transfer
-    kernel.wait_readable = lambda fd, timeout_s: True
+    imu._count_bytes[:] = (32).to_bytes(2, "big")
+    kernel.bus.transfer = transfer
+    real = Kernel()
+    kernel.wait_readable = lambda fd, timeout_s: real.wait_readable(readable[0], timeout_s)
     kernel.monotonic_ns = time.monotonic_ns
     edges = itertools.count(kernel._now_ns, SAMPLE_NS)
     loop.devices.imu_line.read = lambda: (next(edges), 2, 1)
+    bench.guard.patience_s(1e4)  # it lives on the clock that has just been left, and is no part of the tick
     return loop, bench
 
 
@@ -88,6 +96,34 @@ def ticks(count: int) -> float:
     return elapsed
 
 
+PARTS = ("imu", "encoders", "step", "supervisor")
+
+
+def parts(name: str, count: int) -> float:
+    """Runs one of PARTS `count` times, as a tick calls it; returns the seconds it took."""
+    loop, bench = stubbed_loop()
+    loop.tick()
+    devices, ring, supervisor, at = loop.devices, loop.ring, loop.supervisor, loop.robot.layout.offset
+    pulses = [(1000 + i, -2000 - i, 3000 + i) for i in range(PACKETS)]
+    turn = itertools.cycle(pulses)
+    action = {
+        "imu": lambda: devices.imu.read(ring.buffer, at["imu_packet"]),
+        "encoders": devices.read_counts,
+        "step": lambda: loop.robot.step(0),
+        "supervisor": lambda: supervisor.apply(0, IMU_OK, 0, True, next(turn)),
+    }[name]
+    begin = time.perf_counter()
+    for _ in range(count):
+        action()
+    elapsed = time.perf_counter() - begin
+    supervisor.shut_down()
+    bench.close()
+    return elapsed
+
+
 def run(kind: str, count: int) -> None:
-    """`kind` is "step" or "tick"."""
-    {"step": steps, "tick": ticks}[kind](count)
+    """`kind` is "ekf", "tick" or one of PARTS."""
+    if kind in PARTS:
+        parts(kind, count)
+    else:
+        {"ekf": steps, "tick": ticks}[kind](count)

@@ -1,3 +1,8 @@
-"""Logs: the ring that the loop writes, and its reader."""
+"""Logs: the ring that the loop writes, the recorder that brings it to disk, and the reader of both."""
 
-from mip_rt.log.ring import Log, Ring, open_log as open  # noqa: A004, F401
+
+def open(path, check: bool = True):  # noqa: A001
+    """See `reader.open_log`; imported here, because the recorder shall start without numpy."""
+    from mip_rt.log.reader import open_log
+
+    return open_log(path, check)

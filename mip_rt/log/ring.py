@@ -1,87 +1,79 @@
 """The ring: a memory-mapped, self-describing file whose rows are the working memory of the tick.
 
-Layout: one page-aligned header (magic, format version, sizes, then JSON: field table, configuration, code version, host, clock
-offsets), a page with the commit counter, then the rows. The loop fills row tick % rows in place and commits it by storing
-tick + 1, first into the row's `sequence`, then into the counter; starting a row stores 0 into its `sequence`. A reader takes a row only
-where its sequence says which tick it is, before and after copying: a torn row is recognised, and a process that dies leaves every
-committed row readable.
+The loop fills row tick % rows in place and commits it by storing tick + 1, first into the row's `sequence`, then into the counter;
+starting a row stores 0 into its `sequence`. A reader takes a row only where its sequence says which tick it is, before and
+after copying: a torn row is recognised, and a process that dies leaves every committed row readable. Once a second the loop
+also keeps the bytes of the controller's and the estimators' state, from which a replay can start in the middle. `ring_format` has the layout.
 """
 
-import json
 import mmap
 import os
-import platform
 import struct
-import time
-from dataclasses import dataclass, field
+import zlib
 from pathlib import Path
 
 import numpy as np
 
-import mip_rt
-from mip_rt import compiled, frame
 from mip_rt.errors import LogError
+from mip_rt.log import ring_format
+from mip_rt.log.description import header  # noqa: F401  (whoever makes a ring needs it)
+from mip_rt.log.ring_format import SEAL, STATE_MARK, Counter, Status
 
-MAGIC = b"MIPRTLOG"
-VERSION = 1
-PREFIX = struct.Struct("<8sIIQQQ")  # magic, version, JSON bytes, offset of the counter, offset of the rows, number of rows
-PAGE = 4096
-
-
-def _align(size: int) -> int:
-    return -(-size // PAGE) * PAGE
-
-
-def header(layout: frame.Layout, config_text: str, extra: dict | None = None) -> dict:
-    """What a log says of itself."""
-    import llvmlite
-
-    return {
-        "mip_rt": mip_rt.__version__,
-        "source_hash": compiled.source_hash(),
-        "fields": [f._asdict() for f in layout.fields],
-        "estimate_names": layout.estimate_names,
-        "row_bytes": layout.dtype.itemsize,
-        "config": config_text,
-        "versions": {"numba": compiled.numba.__version__, "numpy": np.__version__, "llvmlite": llvmlite.__version__},
-        "host": {"machine": platform.machine(), "system": platform.platform(), "cpu": compiled.cpu_name()},
-        "clock": {"monotonic_ns": time.monotonic_ns(), "realtime_ns": time.time_ns()},
-        **(extra or {}),
-    }
+STATE_EVERY = 200  # rows from one kept state to the next
 
 
 class Ring:
     """The writing side.
 
+    Args:
+        path: the file; its folder is made where it is missing.
+        dtype: of a row, with fields `sequence` and `tick`.
+        rows: how many it holds.
+        description: see `description.header`; `log_version` and `state_bytes` are added.
+        state_bytes: bytes of one kept state; 0 for none.
+        state_rows: how many of those it holds; enough for all rows by default.
+
     Attributes:
         rows: (n,) records of the layout, mapped.
         buffer: the rows' bytes, for `struct.pack_into`.
         row_bytes: bytes of a row.
+        geometry: where everything lies.
+
+    Raises:
+        LogError: the file cannot be created.
     """
 
-    def __init__(self, path: Path, dtype: np.dtype, rows: int, description: dict):
-        text = json.dumps(description).encode()
-        counter_at = _align(PREFIX.size + len(text))
-        rows_at = counter_at + PAGE
+    def __init__(self, path: Path, dtype: np.dtype, rows: int, description: dict, state_bytes: int = 0, state_rows: int | None = None):
+        if state_rows is None:
+            state_rows = rows // STATE_EVERY + 2
+        description = {**description, "log_version": ring_format.VERSION, "state_bytes": state_bytes}
+        text, geometry = ring_format.pack_header(description, rows, dtype.itemsize, state_rows if state_bytes else 0, state_bytes)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_TRUNC, 0o644)
-            os.ftruncate(handle, rows_at + rows * dtype.itemsize)
+            path.unlink(missing_ok=True)  # whoever has an older file of this name mapped keeps it whole
+            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
+            os.ftruncate(handle, geometry.size)
         except OSError as error:
             raise LogError(
                 f"the log {path} cannot be created: {error.strerror}.", "Name another folder with --log.", "log_create"
             ) from error
-        self.path = path
+        self.path, self.geometry = path, geometry
         self.capacity = rows
         self.row_bytes = dtype.itemsize
         self._map = mmap.mmap(handle, 0)
         os.close(handle)
-        self._map[: PREFIX.size + len(text)] = PREFIX.pack(MAGIC, VERSION, len(text), counter_at, rows_at, rows) + text
-        self.buffer = memoryview(self._map)[rows_at:]
-        self.rows = np.frombuffer(self._map, dtype, rows, rows_at)
+        self._map[: len(text)] = text
+        self._map[geometry.copy_at : geometry.copy_at + len(text)] = text
+        rows_end = geometry.rows_at + rows * dtype.itemsize
+        self.buffer = memoryview(self._map)[geometry.rows_at : rows_end]
+        self.rows = np.frombuffer(self._map, dtype, rows, geometry.rows_at)
         self._sequence = self.rows["sequence"]
-        self._counter = np.frombuffer(self._map, "<i8", 1, counter_at)
+        self._counter = np.frombuffer(self._map, "<i8", len(Counter), geometry.counters_at)
+        self._status = np.frombuffer(self._map, "<i8", len(Status), geometry.status_at)
+        self._counter[Counter.WRITER] = os.getpid()
         self.rows["sequence"] = 0  # touches every page, so that none is missing in a tick
+        self._map[geometry.states_at : geometry.rows_at] = bytes(geometry.rows_at - geometry.states_at)
+        self._states = 0
 
     def begin(self, index: int) -> None:
         """Marks a row as being written."""
@@ -92,61 +84,84 @@ class Ring:
         self._sequence[index] = tick + 1
         self._counter[0] = tick + 1
 
+    def keep_state(self, tick: int, parts) -> None:
+        """Keeps the state as it is after tick `tick` was stepped, over the oldest one. Copies, and allocates nothing that stays.
+
+        Args:
+            parts: contiguous byte views (`array.view(np.uint8)`, made once), `state_bytes` long together.
+
+        Raises:
+            ValueError: the parts are of another length; no state is kept then.
+        """
+        geometry = self.geometry
+        at = geometry.states_at + self._states % geometry.state_rows * geometry.slot_bytes
+        STATE_MARK.pack_into(self._map, at, 0, tick)
+        at_part = at + STATE_MARK.size
+        left = geometry.state_bytes
+        for part in parts:
+            size = part.nbytes
+            left -= size
+            if left < 0:
+                break
+            self._map[at_part : at_part + size] = part
+            at_part += size
+        if left:
+            raise ValueError(f"the ring keeps states of {geometry.state_bytes} bytes, these have another length")
+        STATE_MARK.pack_into(self._map, at, tick + 1, tick)
+        self._states += 1
+        self._counter[1] = self._states
+
+    def report_fault(self, number: int, tick: int) -> None:
+        """Tells the recorder that the supervisor entered FAULT with this code."""
+        self._counter[Counter.FAULT], self._counter[Counter.FAULT_TICK] = number, tick
+        self._counter[Counter.FAULTS] += 1
+
+    def recorder_status(self) -> dict[str, int]:
+        """What the recorder says of itself: see `ring_format.Status`."""
+        return dict(zip((name.lower() for name in Status.__members__), self._status.tolist()))
+
+    def committed(self) -> int:
+        """The newest committed tick + 1."""
+        return int(self._counter[Counter.COMMITTED])
+
+    def needed(self) -> int:
+        """The oldest tick that the recorder still has to read."""
+        return int(self._status[Status.NEEDED])
+
     def close(self) -> None:
-        """Flushes the file; the mapping lives as long as anyone holds the rows."""
+        """Ends the writing: seals what was written and flushes the file. The mapping lives as long as anyone holds the rows."""
+        self._seal()
+        self._counter[Counter.FINISHED] = 1
         self._map.flush()
 
+    def _seal(self) -> None:
+        """Stores a checksum of every row and kept state, so that a reader of the finished file notices a flipped bit."""
+        geometry, view = self.geometry, memoryview(self._map)
+        for index in np.flatnonzero(self._sequence).tolist():
+            row = self.buffer[index * self.row_bytes : (index + 1) * self.row_bytes]
+            self._store_seal(index, int(self._sequence[index]), zlib.crc32(row))
+        for slot in range(geometry.state_rows):
+            at = geometry.states_at + slot * geometry.slot_bytes
+            sequence = STATE_MARK.unpack_from(self._map, at)[0]
+            if sequence:
+                self._store_seal(geometry.rows + slot, sequence, zlib.crc32(view[at : at + geometry.slot_bytes]))
 
-@dataclass
-class Log:
-    """A log as read: see `open_log`.
-
-    Attributes:
-        header: what the log says of itself.
-        frames: (n,) records in order of tick, every one complete.
-        damage: sentences about what could not be read; empty for a whole log.
-    """
-
-    path: Path
-    header: dict
-    frames: np.ndarray
-    damage: list[str] = field(default_factory=list)
-
-    @property
-    def config(self) -> str:
-        """The full configuration, YAML."""
-        return self.header.get("config", "")
+    def _store_seal(self, number: int, sequence: int, check: int) -> None:
+        SEAL.pack_into(self._map, self.geometry.seals_at + number * SEAL.size, sequence, check, check ^ 0xFFFFFFFF)
 
 
-def open_log(path) -> Log:
-    """Reads a ring file, of a running or a dead process.
-
-    Raises:
-        LogError: the file is not a log, or its header is not whole.
-    """
-    path = Path(path)
-    data = path.read_bytes()
-    if len(data) < PREFIX.size or data[:8] != MAGIC:
-        raise LogError(f"{path} is not a mip-rt log.", "Name the .ring file that the run's summary printed.", "log_magic")
-    _, version, text_bytes, _, rows_at, rows = PREFIX.unpack_from(data)
-    if version != VERSION:
-        raise LogError(f"{path} is of log version {version}, this program reads {VERSION}.", code="log_version")
-    try:
-        description = json.loads(data[PREFIX.size : PREFIX.size + text_bytes])
-        fields = [(f["name"], f["dtype"], tuple(f["shape"])) if f["shape"] else (f["name"], f["dtype"])
-                  for f in description["fields"]]
-        dtype = np.dtype(fields, align=True)
-        if dtype.itemsize != description["row_bytes"]:
-            raise ValueError("field table and row size disagree")
-    except (ValueError, KeyError, TypeError) as error:
-        raise LogError(f"the header of {path} is damaged: {error}.", code="log_header") from error
-    whole = max(0, min(rows, (len(data) - rows_at) // dtype.itemsize))
-    damage = [] if whole == rows else [f"the file ends after {whole} of {rows} rows"]
-    table = np.frombuffer(data, dtype, whole, rows_at) if whole else np.zeros(0, dtype)
-    sequence = table["sequence"]
-    good = (sequence > 0) & ((sequence - 1) % rows == np.arange(whole)) & (table["tick"] == sequence - 1)
-    torn = int(np.count_nonzero(~good & (sequence != 0)))
-    if torn:
-        damage.append(f"{torn} rows were being written or do not say which tick they are")
-    frames = table[good]
-    return Log(path, description, frames[np.argsort(frames["sequence"], kind="stable")], damage)
+def remove_old_rings(folder: Path, pattern: str, keep: int = 1) -> None:
+    """Removes the rings of processes that are gone, but for the newest `keep`: on the robot they take up memory."""
+    dead = []
+    for path in Path(folder).glob(pattern):
+        try:
+            with path.open("rb") as file:
+                found = ring_format.unpack_header(file.read(ring_format.HEADER_LIMIT))
+                file.seek(found[0].counters_at if found else 0)
+                counters = struct.unpack(f"<{len(Counter)}q", file.read(8 * len(Counter)))
+            if not found or not os.path.exists(f"/proc/{counters[Counter.WRITER]}"):
+                dead.append((path.stat().st_mtime_ns, path))
+        except (OSError, struct.error):
+            continue  # somebody else's file, or another process removed it at this moment
+    for _, path in sorted(dead)[: len(dead) - keep]:
+        path.unlink(missing_ok=True)

@@ -1,1 +1,10 @@
 """What a robot is: its model, estimators, controller and compiled step."""
+
+import importlib
+
+NAMES = ("mbbr", "edumip")
+
+
+def setup(name: str):
+    """The module that builds the robot of this name: `build(config)` and `Judge(config)`; imported, and so compiled, only now."""
+    return importlib.import_module(f"mip_rt.robots.{name}_setup")

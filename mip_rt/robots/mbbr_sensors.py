@@ -1,155 +1,23 @@
-"""From the bytes and counts of the drivers to SI numbers in body axes: the first part of the MBBR's compiled step.
-
-The DMP's quaternion is already in body axes (its own orientation setting), its accelerometer and gyro words are in chip axes: the
-mounting matrix turns them, and the sign of the accelerometer is changed to the papers' (R'([0, 0, -g] - p''), the negative of
-what the chip reports), here and nowhere else.
-"""
-
-import math
+"""The MBBR's sensors in SI units: those of `robots.sensors`, and the ball angle that its three wheels see."""
 
 import numpy as np
 
-from mip_rt import frame
 from mip_rt.compiled import njit
-from mip_rt.controllers import filters
+from mip_rt.robots import sensors
 
-IMU_USABLE = 1  # hardware.imu_status.IMU_OK
-COAST_TICKS = 3  # the attitude is carried on by the last body rates for so long, then it stays
+WHEELS = 3
 
-PARAMETERS = np.dtype(
-    [
-        ("rate_hz", "f8"),
-        ("dt_s", "f8"),
-        ("mounting", "f8", (3, 3)),  # body = mounting chip
-        ("gyro_scale_rad_s", "f8"),  # per count
-        ("accel_scale_m_s2", "f8"),  # per count
-        ("count_scale_rad", "f8", (3,)),  # signed wheel angle per count
-        ("wheel_jump_rad", "f8"),  # largest credible wheel motion in one tick
-        ("body_from_wheel", "f8", (3, 3)),
-        ("wheel_ratio", "f8"),
-    ],
-    align=True,
-)
-STATE = np.dtype(
-    [
-        ("attitude_rad", "f8", (3,)),  # last good one, yaw unwrapped
-        ("gyro_rad_s", "f8", (3,)),
-        ("acceleration_m_s2", "f8", (3,)),
-        ("wheel_history_rad", "f8", (3, filters.DERIVATIVE_TAPS)),
-        ("count_offset", "i8", (3,)),  # counts taken back after a jump, so that the angle stays continuous
-        ("last_count", "i8", (3,)),
-        ("started", "i8"),
-        ("coasted", "i8"),  # ticks in a row without a usable packet
-    ],
-    align=True,
-)
-
-
-@njit
-def _int16(packet, at):
-    value = (np.int64(packet[at]) << 8) | np.int64(packet[at + 1])
-    return value - 65536 if value >= 32768 else value
-
-
-@njit
-def _int32(packet, at):
-    value = (
-        (np.int64(packet[at]) << 24)
-        | (np.int64(packet[at + 1]) << 16)
-        | (np.int64(packet[at + 2]) << 8)
-        | np.int64(packet[at + 3])
-    )
-    return value - 4294967296 if value >= 2147483648 else value
-
-
-@njit
-def read_imu(p, s, row):
-    """Fills quaternion, attitude, gyro and acceleration of the row; returns True where they are fresh and plausible.
-
-    Over a lost packet the attitude is carried on by the last body rates, so that neither the gap nor its end is a step.
-    """
-    packet = row.imu_packet
-    fresh = (row.imu_status & IMU_USABLE) != 0
-    if fresh:
-        w = float(_int32(packet, 0))
-        x = float(_int32(packet, 4))
-        y = float(_int32(packet, 8))
-        z = float(_int32(packet, 12))
-        norm = math.sqrt(w * w + x * x + y * y + z * z)
-        fresh = norm > 0.0
-    if fresh:
-        w /= norm
-        x /= norm
-        y /= norm
-        z /= norm
-        row.quaternion[0] = w
-        row.quaternion[1] = x
-        row.quaternion[2] = y
-        row.quaternion[3] = z
-        s.attitude_rad[0] = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-        s.attitude_rad[1] = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x))))
-        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        turn = yaw - s.attitude_rad[2]
-        s.attitude_rad[2] += turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
-        for i in range(3):
-            rate = 0.0
-            force = 0.0
-            for k in range(3):
-                force += p.mounting[i, k] * _int16(packet, 16 + 2 * k)
-                rate += p.mounting[i, k] * _int16(packet, 22 + 2 * k)
-            s.gyro_rad_s[i] = rate * p.gyro_scale_rad_s - row.gyro_bias_rad_s[i]
-            s.acceleration_m_s2[i] = -force * p.accel_scale_m_s2
-        s.coasted = 0
-    elif s.coasted < COAST_TICKS:
-        s.coasted += 1
-        roll = s.attitude_rad[0]
-        s.attitude_rad[0] += p.dt_s * (s.gyro_rad_s[0] + s.attitude_rad[1] * s.gyro_rad_s[2])  # small lean, as in mbbr_ekf.reset
-        s.attitude_rad[1] += p.dt_s * (s.gyro_rad_s[1] - roll * s.gyro_rad_s[2])
-        s.attitude_rad[2] += p.dt_s * s.gyro_rad_s[2]
-    for i in range(3):
-        row.attitude_rad[i] = s.attitude_rad[i]
-        row.gyro_rad_s[i] = s.gyro_rad_s[i]
-        row.acceleration_m_s2[i] = s.acceleration_m_s2[i]
-    return fresh
-
-
-@njit
-def read_encoders(p, s, row):
-    """Fills wheel angles and rates and the ball angle; returns True where no wheel jumped.
-
-    A jump (a count that a wheel cannot have made in one tick) is taken back: the angle continues from where it was.
-    """
-    steady = True
-    for i in range(3):
-        count = row.encoder_count[i]
-        if s.started == 0:
-            s.count_offset[i] = count
-            s.last_count[i] = count
-            for k in range(filters.DERIVATIVE_TAPS):
-                s.wheel_history_rad[i, k] = 0.0
-        moved = count - s.last_count[i]
-        if abs(moved * p.count_scale_rad[i]) > p.wheel_jump_rad:
-            s.count_offset[i] += moved
-            steady = False
-        s.last_count[i] = count
-        angle = (count - s.count_offset[i]) * p.count_scale_rad[i]
-        row.wheel_angle_rad[i] = angle
-        row.wheel_rate_rad_s[i] = filters.derivative(s.wheel_history_rad[i], angle, p.rate_hz)
-    s.started = 1
-    for j in range(3):
-        total = 0.0
-        for i in range(3):
-            total += p.body_from_wheel[j, i] * row.wheel_angle_rad[i]
-        row.body_angle_rad[j] = p.wheel_ratio * total
-    return steady
+PARAMETERS = np.dtype([*sensors.parameter_fields(WHEELS), ("body_from_wheel", "f8", (3, 3)), ("wheel_ratio", "f8")], align=True)
+STATE = np.dtype(sensors.state_fields(WHEELS), align=True)
 
 
 @njit
 def step(p, s, row):
     """Reads the row's raw sensors; returns the bits of frame.LIMITS that apply."""
-    limits = 0
-    if not read_imu(p, s, row):
-        limits |= frame.LIMIT_IMU_MISSING
-    if not read_encoders(p, s, row):
-        limits |= frame.LIMIT_ENCODER_JUMP
+    limits = sensors.step(p, s, row)
+    for j in range(3):
+        total = 0.0
+        for i in range(3):
+            total += p.body_from_wheel[j, i] * row.wheel_angle_rad[i]
+        row.body_angle_rad[j] = p.wheel_ratio * total
     return limits

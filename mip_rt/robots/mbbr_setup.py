@@ -1,18 +1,17 @@
 """Builds the MBBR from a configuration: parameter records, state records and the bound step. Runs once, before the loop."""
 
-import math
-
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.compiled import JIT_DISABLED
 from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
 from mip_rt.controllers.filters import pole_from_rate
 from mip_rt.errors import ConfigError
 from mip_rt.estimators import mbbr_ekf, mbbr_kf
 from mip_rt.models import mbbr, mbbr_linear, mbbr_yaw
 from mip_rt.robots import mbbr as robot
-from mip_rt.robots import health, mbbr_frame
+from mip_rt.robots import health, mbbr_frame, sensors
+from mip_rt.robots.mbbr_judge import Judge  # noqa: F401  (part of what a setup module offers)
+from mip_rt.robots.robot import Robot, noise, orthonormal
 
 # name: (kind, DMP attitude to the controller, model variant or None for the configured one, yaw rotation)
 ESTIMATORS = {
@@ -26,51 +25,6 @@ ESTIMATORS = {
 CONTROLLER = "state_feedback"
 BATTERY_SMOOTHING_RAD_S = 2.0
 BATTERY_HOLD_S = 2.0
-
-
-class Robot:
-    """The arrays of one MBBR and its step on them.
-
-    Attributes:
-        layout: frame.Layout of its rows.
-        names: estimator names by slot; the first controls.
-        gyro_bias_rad_s: the gyro's rates at rest, body axes; an input of every tick.
-        parameters, state, estimator_parameters, estimator_states: the step's arrays.
-    """
-
-    def __init__(self, names, parameters, state, estimator_parameters, estimator_states):
-        self.layout, self.names, self.controller = mbbr_frame.LAYOUT, names, CONTROLLER
-        self.parameters, self.state = parameters, state
-        self.estimator_parameters, self.estimator_states = estimator_parameters, estimator_states
-        # The same memory as plain arrays: numba recognises those ten times faster than record arrays.
-        self._arguments = tuple(
-            array if JIT_DISABLED else array.view(dtype).view(np.ndarray)
-            for array, dtype in (
-                (parameters, robot.PARAMETERS),
-                (state, robot.STATE),
-                (estimator_parameters, robot.ESTIMATOR_PARAMETERS),
-                (estimator_states, robot.ESTIMATOR_STATE),
-            )
-        )
-        self.gyro_bias_rad_s = (0.0, 0.0, 0.0)
-        self._rows = None
-
-    def attach(self, rows) -> None:
-        """Uses this ring's rows."""
-        self._rows = rows.view(np.recarray) if JIT_DISABLED else rows  # plain Python needs fields as attributes
-
-    def rehearse(self) -> None:
-        """Runs the step once in each of its ways and forgets it: the first real tick then meets no cold page and no cold dispatcher."""
-        saved = self.state.copy(), self.estimator_states.copy(), self._rows[:1].copy()
-        for request in (0, frame.REQUEST_ENGAGED, frame.REQUEST_ENGAGED):
-            self._rows[0]["request"] = request
-            self.step(0)
-        self.state[:], self.estimator_states[:], self._rows[:1] = saved
-
-    def step(self, index: int) -> None:
-        """Runs the compiled step on row `index`."""
-        robot.step(*self._arguments, self._rows, index)
-
 
 
 def model_parameters(config):
@@ -92,23 +46,6 @@ def model_parameters(config):
     )
 
 
-def orthonormal(matrix) -> np.ndarray:
-    """The orthonormal matrix nearest to a (3, 3) that is nearly so (polar decomposition by Newton's iteration)."""
-    m = np.array(matrix, float)
-    for _ in range(20):
-        m = 0.5 * (m + np.linalg.inv(m).T)
-    return m
-
-
-def _noise(noise, config, process, measurement, initial, states, dt_s):
-    noise.Q[:states] = process
-    noise.R[: len(measurement)] = measurement
-    noise.P0[:states] = initial
-    noise.P_limit[:] = config.estimator.covariance_limit
-    noise.gate_squared = config.estimator.gate_sigma**2
-    noise.dt_s = dt_s
-
-
 def _estimator(p, name, config, model, dt_s) -> None:
     kind, dmp_attitude, variant, rotation = ESTIMATORS[name]
     p.kind, p.dmp_attitude = kind, dmp_attitude
@@ -118,12 +55,12 @@ def _estimator(p, name, config, model, dt_s) -> None:
     if kind == robot.KIND_EKF:
         process = [q[0]] * 2 + [q[1]] + [q[2]] * 2 + [q[3]] * 2 + [q[4]] + [q[5]] * 2 + [q[6]] * 3
         measurement = [gyro] * 3 + [encoder] * 3 + [accelerometer] * 2
-        _noise(p.ekf.noise, config, process, measurement, e.initial_covariance, mbbr_ekf.STATES, dt_s)
+        noise(p.ekf.noise, config, process, measurement, e.initial_covariance, mbbr_ekf.STATES, dt_s)
         p.ekf.model = mbbr_yaw.coefficients(model[0], variant or config.model.variant)[0]
     else:
         process = e.kf_process_noise
         measurement = [gyro] * 2 + [encoder] * 2 + [accelerometer] * 2
-        _noise(p.kf.noise, config, process, measurement, e.initial_covariance, mbbr_kf.STATES, dt_s)
+        noise(p.kf.noise, config, process, measurement, e.initial_covariance, mbbr_kf.STATES, dt_s)
         A, B, C, D = mbbr_linear.linear_matrices(model[0])
         mbbr_kf.configure_model(p.kf.model, A, B, C, D, rotation)
 
@@ -147,6 +84,7 @@ def build(config, shadows=None) -> Robot:
     p = parameters[0]
     p.dt_s, p.tip_rad = dt_s, config.limits.tip_rad
     p.nominal_voltage_v = config.motor.nominal_voltage_v
+    p.odometry = 1 if config.estimator.odometry == "encoders" else 0
     p.battery_pole = pole_from_rate(BATTERY_SMOOTHING_RAD_S, dt_s)
     p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
     _configure_sensors(p.sensors, config, dt_s)
@@ -154,17 +92,17 @@ def build(config, shadows=None) -> Robot:
     state = np.zeros(1, robot.STATE).view(np.recarray)
     state[0].battery_v = p.nominal_voltage_v
     states = np.zeros(len(names), robot.ESTIMATOR_STATE).view(np.recarray)
-    return Robot(names, parameters, state, estimator_parameters, states)
+    arrays = (
+        (parameters, robot.PARAMETERS),
+        (state, robot.STATE),
+        (estimator_parameters, robot.ESTIMATOR_PARAMETERS),
+        (states, robot.ESTIMATOR_STATE),
+    )
+    return Robot(mbbr_frame.LAYOUT, names, CONTROLLER, robot.step, arrays, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES)
 
 
 def _configure_sensors(p, config, dt_s) -> None:
-    motor = config.motor
-    p.rate_hz, p.dt_s = 1.0 / dt_s, dt_s
-    p.mounting[:] = config.imu.mounting
-    p.gyro_scale_rad_s = math.radians(config.imu.gyro_range_dps) / 32768.0
-    p.accel_scale_m_s2 = config.imu.accel_range_g * 9.80665 / 32768.0
-    p.count_scale_rad[:] = [2.0 * math.pi * sign / config.encoders.counts_per_turn for sign in config.encoders.signs]
-    p.wheel_jump_rad = 2.0 * motor.nominal_voltage_v / motor.torque_constant_n_m_a * dt_s
+    sensors.configure(p, config, dt_s)
     p.body_from_wheel[:] = orthonormal(config.wheels.body_from_wheel)
     p.wheel_ratio = config.model.wheel_radius_m / config.model.ball_radius_m
 

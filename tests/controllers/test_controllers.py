@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from mip_rt.controllers import filters, gain_schedule, reference, state_feedback, wheel_drive
 from mip_rt.models import motor
-from mip_rt.robots.mbbr_setup import orthonormal
+from mip_rt.robots.robot import orthonormal
 
 pytestmark = pytest.mark.armhf
 T_OB = orthonormal([[-0.73445, 0.05830, 0.67615], [0.35671, -0.81441, 0.45770], [0.57735, 0.57735, 0.57735]])

@@ -167,7 +167,7 @@ static int sensors(SensorsP *p, SensorsS *s, Frame *row)
     }
     if (fresh) {
         w /= norm; x /= norm; y /= norm; z /= norm;
-        row->quaternion[0] = w; row->quaternion[1] = x; row->quaternion[2] = y; row->quaternion[3] = z;
+        s->quaternion[0] = w; s->quaternion[1] = x; s->quaternion[2] = y; s->quaternion[3] = z;
         s->attitude_rad[0] = atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y));
         s->attitude_rad[1] = asin(fmin(1.0, fmax(-1.0, 2.0 * (w * y - z * x))));
         double turn = atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)) - s->attitude_rad[2];
@@ -179,6 +179,7 @@ static int sensors(SensorsP *p, SensorsS *s, Frame *row)
             s->acceleration_m_s2[i] = -force * p->accel_scale_m_s2;
         }
     }
+    memcpy(row->quaternion, s->quaternion, sizeof row->quaternion);
     for (int i = 0; i < 3; i++) { row->attitude_rad[i] = s->attitude_rad[i]; row->gyro_rad_s[i] = s->gyro_rad_s[i]; row->acceleration_m_s2[i] = s->acceleration_m_s2[i]; }
     int steady = 1;
     for (int i = 0; i < 3; i++) {
@@ -258,17 +259,17 @@ static int check_timing(HealthP *p, HealthS *s, Frame *row, int64_t limits)
     return alarms;
 }
 
-static int check_wheels(HealthP *p, HealthS *s, Frame *row, double yaw_rate)
+static int check_wheels(HealthP *p, HealthS *s, Frame *row, double yaw_rate, double lean_cosine)
 {
-    double mismatch = 0.0;
+    double mismatch = 0.0, pole = lean_cosine > 0.92 ? p->mismatch_pole : 0.0;
     for (int i = 0; i < p->wheels; i++) {
         double moved = row->wheel_angle_rad[i] - s->wheel_angle_rad[i];
         s->wheel_angle_rad[i] = row->wheel_angle_rad[i];
-        mismatch += s->part_rad[i] = p->mismatch_pole * s->part_rad[i] + p->yaw_from_wheel[i] * moved;
+        mismatch += s->part_rad[i] = pole * s->part_rad[i] + p->yaw_from_wheel[i] * moved;
         if (moved == 0.0) { s->still[i]++; s->stalled_s[i] += p->dt_s * fabs(s->duty[i]); }
         else { s->still[i] = 0; s->stalled_s[i] = 0.0; }
     }
-    s->yaw_rad = p->mismatch_pole * s->yaw_rad + p->dt_s * yaw_rate;
+    s->yaw_rad = pole * s->yaw_rad + p->dt_s * yaw_rate;
     row->wheel_mismatch_rad = mismatch -= s->yaw_rad;
     if (fabs(mismatch) <= p->mismatch_limit_rad) { s->disagree = 0; return 1; }
     s->disagree++;
@@ -419,18 +420,31 @@ void robot_step(RobotP *p, RobotS *s, EstimatorP *ep, EstimatorS *es, Frame *row
     int missing = sensors(&p->sensors, &s->sensors, row);
     int64_t limits = (missing & 1 ? IMU_MISSING : 0) | (missing & 2 ? JUMP : 0), valid = 255 & ~(missing & 1 ? 0xC3 : 0) & ~(missing & 2 ? 0x38 : 0);
     int64_t alarms = check_timing(&p->health, &s->health, row, limits);
-    if (!check_wheels(&p->health, &s->health, row, s->spin_coupling_rad_s - row->gyro_rad_s[2])) { limits |= DISAGREE; valid &= ~0x38; }
+    if (!check_wheels(&p->health, &s->health, row, s->spin_coupling_rad_s - row->gyro_rad_s[2], cos(row->attitude_rad[0]) * cos(row->attitude_rad[1]))) { limits |= DISAGREE; valid &= ~0x38; }
     for (int i = 0; i < 3; i++) { s->measured[i] = row->gyro_rad_s[i]; s->measured[3 + i] = row->body_angle_rad[i]; }
     s->measured[6] = row->acceleration_m_s2[0]; s->measured[7] = row->acceleration_m_s2[1];
+    for (int i = 0; i < 2; i++) {
+        OdometryS *o = &s->odometry;
+        o->turn_rad[i] = row->body_angle_rad[i] - o->body_angle_rad[i] + 0.5 * p->dt_s * (row->gyro_rad_s[i] + o->gyro_rad_s[i]);
+        o->body_angle_rad[i] = row->body_angle_rad[i];
+        o->gyro_rad_s[i] = row->gyro_rad_s[i];
+    }
     ekf_step(&ep->ekf, &es->filter, s->applied, s->measured, valid);
     double *e = row->estimates[0], *x = es->filter.x;
     row->estimator_flags[0] = es->filter.status;
     for (int i = 0; i < 3; i++) e[i] = x[i];
     for (int i = 0; i < 5; i++) e[3 + i] = x[5 + i];
-    if (ep->dmp_attitude) { e[0] = row->attitude_rad[0]; e[1] = row->attitude_rad[1]; }
+    if (ep->dmp_attitude) for (int i = 0; i < 3; i++) e[i] = row->attitude_rad[i];
     double c = cos(e[2]), n = sin(e[2]);
-    es->ball_angle_rad[0] += p->dt_s * (c * e[6] - n * e[7]);
-    es->ball_angle_rad[1] += p->dt_s * (n * e[6] + c * e[7]);
+    if (p->odometry) {
+        double *turn = s->odometry.turn_rad, x = turn[0] / cos(e[1]), y = (turn[1] - sin(e[0]) * sin(e[1]) * x) / cos(e[0]);
+        double h = 0.5 * p->dt_s * e[5], shrink = 1 - 0.5 * h * h, cm = c * shrink + n * h, nm = n * shrink - c * h;
+        es->ball_angle_rad[0] += cm * x - nm * y;
+        es->ball_angle_rad[1] += nm * x + cm * y;
+    } else {
+        es->ball_angle_rad[0] += p->dt_s * (c * e[6] - n * e[7]);
+        es->ball_angle_rad[1] += p->dt_s * (n * e[6] + c * e[7]);
+    }
     e[8] = es->ball_angle_rad[0]; e[9] = es->ball_angle_rad[1];
     for (int i = 0; i < 16; i++) { row->state_estimate[i] = x[i]; row->state_variance[i] = es->filter.P[i][i]; }
     memcpy(row->innovation, es->filter.innovation, sizeof row->innovation);

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
-from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf
+from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf, odometry
 from mip_rt.models import mbbr_yaw
 from mip_rt.robots import health, mbbr, mbbr_frame, mbbr_sensors
 
@@ -16,7 +16,7 @@ RECORDS = {
     "KfModel": mbbr_kf.MODEL, "KfParameters": mbbr_kf.PARAMETERS, "SensorsP": mbbr_sensors.PARAMETERS,
     "SensorsS": mbbr_sensors.STATE, "ReferenceP": reference.PARAMETERS, "ReferenceS": reference.STATE,
     "ScheduleP": gain_schedule.PARAMETERS, "ScheduleS": gain_schedule.STATE, "FeedbackP": state_feedback.PARAMETERS,
-    "FeedbackS": state_feedback.STATE, "DriveP": wheel_drive.PARAMETERS, "SpinDownP": spin_down.PARAMETERS,
+    "FeedbackS": state_feedback.STATE, "OdometryS": odometry.STATE, "DriveP": wheel_drive.PARAMETERS, "SpinDownP": spin_down.PARAMETERS,
     "SpinDownS": spin_down.STATE, "HealthP": health.PARAMETERS, "HealthS": health.STATE, "RobotP": mbbr.PARAMETERS, "RobotS": mbbr.STATE,
     "EstimatorP": mbbr.ESTIMATOR_PARAMETERS, "EstimatorS": mbbr.ESTIMATOR_STATE, "Frame": mbbr_frame.FRAME,
 }  # fmt: skip

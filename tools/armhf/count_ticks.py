@@ -1,6 +1,6 @@
-"""The program whose instructions tools/test-armhf counts: `count_ticks.py step N` or `count_ticks.py tick N`.
+"""The program whose instructions tools/test-armhf counts: `count_ticks.py ekf|tick|PART N`.
 
-step: N steps of the compiled extended Kalman filter alone; tick: N whole ticks of the control loop. The cost of one is the
+ekf: N steps of the compiled extended Kalman filter alone; tick: N whole ticks of the control loop; PART: see mip_rt.lab.costs. The cost of one is the
 difference of two counted runs with different N, divided by the difference of N: start-up and compilation cancel out.
 """
 

@@ -1,0 +1,39 @@
+"""The eduMIP's sensors in SI units: those of `robots.sensors`, the board's mounting angle, and what two encoders say of place and heading."""
+
+import math
+
+import numpy as np
+
+from mip_rt.compiled import njit
+from mip_rt.estimators.complementary import accelerometer_tilt
+from mip_rt.robots import sensors
+
+WHEELS = 2
+
+PARAMETERS = np.dtype(
+    [
+        *sensors.parameter_fields(WHEELS),
+        ("mount_angle_rad", "f8"),  # added to the DMP's lean; accelerometer and gyro have it in `mounting`
+        ("radius_by_track", "f8"),  # r / d
+    ],
+    align=True,
+)
+STATE = np.dtype(sensors.state_fields(WHEELS), align=True)
+
+
+def mounting(chip_to_board, mount_angle_rad: float) -> np.ndarray:
+    """Body axes from chip axes (3, 3) of a board that is turned about the axle against the body: body = Rx(-angle) board."""
+    c, s = math.cos(mount_angle_rad), math.sin(mount_angle_rad)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]]) @ np.array(chip_to_board, float)
+
+
+@njit
+def step(p, s, row):
+    """Reads the row's raw sensors; returns the bits of frame.LIMITS that apply."""
+    limits = sensors.step(p, s, row)
+    # R = Rz Ry Rx(lean): a turn of the board about the axle only adds to the lean.
+    row.attitude_rad[0] += p.mount_angle_rad
+    row.phi_rad = 0.5 * (row.wheel_angle_rad[0] + row.wheel_angle_rad[1])
+    row.encoder_yaw_rad = p.radius_by_track * (row.wheel_angle_rad[0] - row.wheel_angle_rad[1])
+    row.accelerometer_tilt_rad = accelerometer_tilt(row.acceleration_m_s2[1], row.acceleration_m_s2[2])
+    return limits

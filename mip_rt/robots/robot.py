@@ -1,0 +1,71 @@
+"""A robot as the loop sees it: the arrays of its compiled step, bound to the rows of a ring."""
+
+import numpy as np
+
+from mip_rt import frame
+from mip_rt.compiled import JIT_DISABLED
+from mip_rt.robots.persistence import Persistence
+
+
+class Robot:
+    """The arrays of one robot and its step on them.
+
+    Args:
+        layout: frame.Layout of its rows.
+        names: estimator names by slot; the first controls.
+        controller: name of the controller.
+        step: compiled function of (parameters, state, estimator parameters, estimator states, rows, index).
+        arrays: its first four arguments as (record array, dtype).
+        kept, estimate: of an estimator's state: bytes that persist, and the range of them that is the estimate (see robots.persistence).
+
+    Attributes:
+        gyro_bias_rad_s: the gyro's rates at rest, body axes; an input of every tick.
+        parameters, state, estimator_parameters, estimator_states: the step's arrays.
+        command_in_force: command that the estimators are told at the next tick; a view into the state.
+        persistence: what the next tick reads of this one: see robots.persistence.
+    """
+
+    def __init__(self, layout, names, controller: str, step, arrays, kept: int, estimate: slice):
+        self.layout, self.names, self.controller = layout, names, controller
+        self._step = step
+        self.parameters, self.state, self.estimator_parameters, self.estimator_states = (array for array, _ in arrays)
+        # The same memory as plain arrays: numba recognises those ten times faster than record arrays.
+        self._arguments = tuple(array if JIT_DISABLED else array.view(dtype).view(np.ndarray) for array, dtype in arrays)
+        self.command_in_force = np.asarray(self.state["applied"])[0]
+        self.persistence = Persistence(self.state, self.estimator_states, kept, estimate)
+        self.gyro_bias_rad_s = (0.0, 0.0, 0.0)
+        self._rows = None
+
+    def attach(self, rows) -> None:
+        """Uses this ring's rows."""
+        self._rows = rows.view(np.recarray) if JIT_DISABLED else rows  # plain Python needs fields as attributes
+
+    def rehearse(self) -> None:
+        """Runs the step once in each of its ways and forgets it: the first real tick then meets no cold page and no cold dispatcher."""
+        saved = self.state.copy(), self.estimator_states.copy(), self._rows[:1].copy()
+        for request in (0, frame.REQUEST_ENGAGED, frame.REQUEST_ENGAGED):
+            self._rows[0]["request"] = request
+            self.step(0)
+        self.state[:], self.estimator_states[:], self._rows[:1] = saved
+
+    def step(self, index: int) -> None:
+        """Runs the compiled step on row `index`."""
+        self._step(*self._arguments, self._rows, index)
+
+
+def orthonormal(matrix) -> np.ndarray:
+    """The orthonormal matrix nearest to a (3, 3) that is nearly so (polar decomposition by Newton's iteration)."""
+    m = np.array(matrix, float)
+    for _ in range(20):
+        m = 0.5 * (m + np.linalg.inv(m).T)
+    return m
+
+
+def noise(record, config, process, measurement, initial, states: int, dt_s: float) -> None:
+    """Fills a record of estimators.ekf.NOISE; variances per step, limits and gate from the configuration's estimator section."""
+    record.Q[:states] = process
+    record.R[: len(measurement)] = measurement
+    record.P0[:states] = initial
+    record.P_limit[:] = config.estimator.covariance_limit
+    record.gate_squared = config.estimator.gate_sigma**2
+    record.dt_s = dt_s

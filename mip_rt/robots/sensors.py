@@ -1,0 +1,163 @@
+"""From the bytes and counts of the drivers to SI numbers in body axes: the first part of every robot's compiled step.
+
+The DMP's quaternion is already in body axes (its own orientation setting), its accelerometer and gyro words are in chip axes: the
+mounting matrix turns them, and the sign of the accelerometer is changed to the papers' (R'([0, 0, -g] - p''), the negative of
+what the chip reports), here and nowhere else.
+"""
+
+import math
+
+import numpy as np
+
+from mip_rt import frame
+from mip_rt.compiled import njit
+from mip_rt.controllers import filters
+
+IMU_USABLE = 1  # hardware.imu_status.IMU_OK
+COAST_TICKS = 3  # the attitude is carried on by the last body rates for so long, then it stays
+
+
+def parameter_fields(wheels: int) -> list:
+    """The fields of a parameter record that the functions here use."""
+    return [
+        ("rate_hz", "f8"),
+        ("dt_s", "f8"),
+        ("mounting", "f8", (3, 3)),  # body = mounting chip
+        ("gyro_scale_rad_s", "f8"),  # per count
+        ("accel_scale_m_s2", "f8"),  # per count
+        ("count_scale_rad", "f8", (wheels,)),  # signed wheel angle per count
+        ("wheel_jump_rad", "f8"),  # largest credible wheel motion in one tick
+    ]
+
+
+def state_fields(wheels: int) -> list:
+    """Likewise of a state record."""
+    return [
+        ("quaternion", "f8", (4,)),  # last good one; zero before the first
+        ("attitude_rad", "f8", (3,)),  # likewise, yaw unwrapped
+        ("gyro_rad_s", "f8", (3,)),
+        ("acceleration_m_s2", "f8", (3,)),
+        ("wheel_history_rad", "f8", (wheels, filters.DERIVATIVE_TAPS)),
+        ("count_offset", "i8", (wheels,)),  # counts taken back after a jump, so that the angle stays continuous
+        ("last_count", "i8", (wheels,)),
+        ("started", "i8"),
+        ("coasted", "i8"),  # ticks in a row without a usable packet
+    ]
+
+
+def configure(p, config, dt_s: float) -> None:
+    """Fills the fields of `parameter_fields` from the imu, motor and encoders sections."""
+    motor = config.motor
+    p.rate_hz, p.dt_s = 1.0 / dt_s, dt_s
+    p.mounting[:] = config.imu.mounting
+    p.gyro_scale_rad_s = math.radians(config.imu.gyro_range_dps) / 32768.0
+    p.accel_scale_m_s2 = config.imu.accel_range_g * 9.80665 / 32768.0
+    p.count_scale_rad[:] = [2.0 * math.pi * sign / config.encoders.counts_per_turn for sign in config.encoders.signs]
+    p.wheel_jump_rad = 2.0 * motor.nominal_voltage_v / motor.torque_constant_n_m_a * dt_s
+
+
+@njit
+def _int16(packet, at):
+    value = (np.int64(packet[at]) << 8) | np.int64(packet[at + 1])
+    return value - 65536 if value >= 32768 else value
+
+
+@njit
+def _int32(packet, at):
+    value = (
+        (np.int64(packet[at]) << 24)
+        | (np.int64(packet[at + 1]) << 16)
+        | (np.int64(packet[at + 2]) << 8)
+        | np.int64(packet[at + 3])
+    )
+    return value - 4294967296 if value >= 2147483648 else value
+
+
+@njit
+def read_imu(p, s, row):
+    """Fills quaternion, attitude, gyro and acceleration of the row; returns True where they are fresh and plausible.
+
+    Over a lost packet the attitude is carried on by the last body rates, so that neither the gap nor its end is a step.
+    """
+    packet = row.imu_packet
+    fresh = (row.imu_status & IMU_USABLE) != 0
+    if fresh:
+        w = float(_int32(packet, 0))
+        x = float(_int32(packet, 4))
+        y = float(_int32(packet, 8))
+        z = float(_int32(packet, 12))
+        norm = math.sqrt(w * w + x * x + y * y + z * z)
+        fresh = norm > 0.0
+    if fresh:
+        w /= norm
+        x /= norm
+        y /= norm
+        z /= norm
+        s.quaternion[0] = w
+        s.quaternion[1] = x
+        s.quaternion[2] = y
+        s.quaternion[3] = z
+        s.attitude_rad[0] = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+        s.attitude_rad[1] = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x))))
+        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        turn = yaw - s.attitude_rad[2]
+        s.attitude_rad[2] += turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+        for i in range(3):
+            rate = 0.0
+            force = 0.0
+            for k in range(3):
+                force += p.mounting[i, k] * _int16(packet, 16 + 2 * k)
+                rate += p.mounting[i, k] * _int16(packet, 22 + 2 * k)
+            s.gyro_rad_s[i] = rate * p.gyro_scale_rad_s - row.gyro_bias_rad_s[i]
+            s.acceleration_m_s2[i] = -force * p.accel_scale_m_s2
+        s.coasted = 0
+    elif s.coasted < COAST_TICKS:
+        s.coasted += 1
+        roll = s.attitude_rad[0]
+        s.attitude_rad[0] += p.dt_s * (s.gyro_rad_s[0] + s.attitude_rad[1] * s.gyro_rad_s[2])  # small lean, as in mbbr_ekf.reset
+        s.attitude_rad[1] += p.dt_s * (s.gyro_rad_s[1] - roll * s.gyro_rad_s[2])
+        s.attitude_rad[2] += p.dt_s * s.gyro_rad_s[2]
+    for i in range(4):
+        row.quaternion[i] = s.quaternion[i]
+    for i in range(3):
+        row.attitude_rad[i] = s.attitude_rad[i]
+        row.gyro_rad_s[i] = s.gyro_rad_s[i]
+        row.acceleration_m_s2[i] = s.acceleration_m_s2[i]
+    return fresh
+
+
+@njit
+def read_wheels(p, s, row):
+    """Fills wheel angles and rates; returns True where no wheel jumped.
+
+    A jump (a count that a wheel cannot have made in one tick) is taken back: the angle continues from where it was.
+    """
+    steady = True
+    for i in range(len(row.encoder_count)):
+        count = row.encoder_count[i]
+        if s.started == 0:
+            s.count_offset[i] = count
+            s.last_count[i] = count
+            for k in range(filters.DERIVATIVE_TAPS):
+                s.wheel_history_rad[i, k] = 0.0
+        moved = count - s.last_count[i]
+        if abs(moved * p.count_scale_rad[i]) > p.wheel_jump_rad:
+            s.count_offset[i] += moved
+            steady = False
+        s.last_count[i] = count
+        angle = (count - s.count_offset[i]) * p.count_scale_rad[i]
+        row.wheel_angle_rad[i] = angle
+        row.wheel_rate_rad_s[i] = filters.derivative(s.wheel_history_rad[i], angle, p.rate_hz)
+    s.started = 1
+    return steady
+
+
+@njit
+def step(p, s, row):
+    """Reads the row's raw sensors; returns the bits of frame.LIMITS that apply."""
+    limits = 0
+    if not read_imu(p, s, row):
+        limits |= frame.LIMIT_IMU_MISSING
+    if not read_wheels(p, s, row):
+        limits |= frame.LIMIT_ENCODER_JUMP
+    return limits

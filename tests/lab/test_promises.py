@@ -1,0 +1,137 @@
+"""The judges themselves: each promise, broken on purpose, is seen; a whole run is not accused."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from mip_rt.config.scenario import Event, Scenario
+from mip_rt.lab import soak_run
+from mip_rt.lab.promises import broken
+from mip_rt.supervisor import State, Supervisor
+
+CONFIG = soak_run.configured({})
+EVENTS = [Event(2.0, press="arm"), Event(4.0, 0.5, [0.1, 0.0]), Event(6.0, fault="imu_silent", parameters={"for_s": 0.3}),
+          Event(7.0, 0.0, [0.0, 0.0]), Event(7.3, press="recover")]  # fmt: skip
+SCRIPT = Scenario("judged", "", 12.0, EVENTS)
+
+
+@pytest.fixture(scope="module")
+def run():
+    seen, unclean = soak_run.observe(CONFIG, SCRIPT, 1, 12.0)
+    assert unclean == []
+    return seen
+
+
+def named(seen):
+    return {entry.promise for entry in broken(seen, CONFIG)}
+
+
+def test_a_good_run_is_not_accused(run):
+    assert named(run) == set() and soak_run.false_alarms(run) == [] and soak_run.ends_balancing(run, CONFIG) == []
+    (reaction,) = soak_run.reactions(run)
+    assert reaction.codes[0] == "imu_silent" and 0.02 < reaction.off_s <= 0.05
+
+
+def at(seconds):
+    return round(seconds / 0.005)
+
+
+def _enabled_without_imu(seen):
+    seen.enabled[at(6.0) : at(6.2)] = True
+
+
+def _enabled_when_tipped(seen):
+    half = np.array([0.86, 0.5, 0.0, 0.0]) / np.hypot(0.86, 0.5)
+    seen.packet[at(9.5), :16] = np.frombuffer((half * (1 << 30)).astype(">i4").tobytes(), np.uint8)
+
+
+def _enabled_when_lying(seen):
+    seen.lean_rad[at(9.5) : at(10.0)] = 1.3
+
+
+def _remote_goes_on(seen):
+    seen.bytes_sent = seen.bytes_sent[seen.bytes_sent < at(4.5)]
+
+
+def _remote_too_fast(seen):
+    seen.rows["remote_velocity_m_s"][500] = (0.3, 0.0)
+
+
+def _remote_not_a_number(seen):
+    seen.rows["remote_yaw_rate_rad_s"][500] = np.nan
+
+
+def _arms_by_itself(seen):
+    seen.presses = seen.presses[1:]
+
+
+def _arms_after_one_press(seen):
+    seen.presses = np.delete(seen.presses, 1)
+
+
+def _not_finite(seen):
+    seen.rows["duty"][700, 1] = np.nan
+
+
+def _too_much(seen):
+    seen.rows["applied_ns"][700, 1] = 60_000
+
+
+def _too_much_at_the_driver(seen):
+    seen.duty[at(9.0)] = 1.2
+
+
+def _enabled_in_fault(seen):
+    row = int(np.flatnonzero(seen.rows["state"] == State.FAULT)[5])
+    seen.enabled[seen.rows["sample"][row]] = True
+
+
+def _hangs_enabled(seen):
+    seen.stalled = [(at(4.5), at(5.0))]
+
+
+@pytest.mark.parametrize("damage, promise", [
+    (_hangs_enabled, "hung"),
+    (_enabled_without_imu, "imu lost"), (_enabled_when_tipped, "tipped"), (_enabled_when_lying, "tipped"), (_remote_goes_on, "remote silent"),
+    (_remote_too_fast, "remote silent"), (_remote_not_a_number, "remote silent"), (_arms_by_itself, "gesture"), (_arms_after_one_press, "gesture"),
+    (_not_finite, "duty"), (_too_much, "duty"), (_too_much_at_the_driver, "duty"), (_enabled_in_fault, "off"),
+])  # fmt: skip
+def test_each_broken_promise_is_seen(run, damage, promise):
+    seen = copy.copy(run)
+    for name in ("enabled", "packet", "lean_rad", "duty"):
+        setattr(seen, name, getattr(run, name).copy())
+    seen.rows = {name: values.copy() for name, values in run.rows.items()}
+    damage(seen)
+    assert promise in named(seen)
+
+
+def test_a_controller_that_ignores_silence_is_caught(monkeypatch):
+    """The whole way: a supervisor without the reaction breaks the promise in a real run, and cannot hide it in its own log."""
+    monkeypatch.setattr(Supervisor, "imu_silent", lambda self, tick: None)
+    result = soak_run.run(CONFIG, SCRIPT, 1, 12.0, True)
+    assert "imu lost" in [entry.promise for entry in result["broken"]]
+
+
+def test_a_controller_that_raises_is_caught(monkeypatch):
+    from mip_rt.remote.command import RemoteCommand
+
+    monkeypatch.setattr(RemoteCommand, "heading_reset", lambda self: 1 / 0)
+    result = soak_run.run(CONFIG, SCRIPT, 1, 12.0, True)
+    assert result["broken"][0].promise == "clean exit" and "ZeroDivisionError" in result["broken"][0].sentence
+
+
+def test_a_fault_that_nothing_explains_is_a_false_alarm(monkeypatch):
+    from mip_rt.hardware.mpu9250 import Mpu9250
+    from mip_rt.hardware.imu_status import IMU_FROZEN
+
+    read, calls = Mpu9250.read, []
+
+    def lie(self, *arguments):
+        calls.append(1)
+        return read(self, *arguments) | (IMU_FROZEN if len(calls) == 900 else 0)
+
+    monkeypatch.setattr(Mpu9250, "read", lie)
+    events = [Event(2.0, press="arm"), Event(4.0, fault="serial_split", parameters={})]
+    result = soak_run.run(CONFIG, Scenario("quiet", "", 6.0, events), 1, 6.0, False)
+    assert [code for _, code in result["false_alarms"]] == ["imu_frozen", "fell"]
