@@ -3,7 +3,6 @@
 Used by `mip-rt bench alarms`; a fault or a graded reaction here is a false alarm.
 """
 
-import concurrent.futures
 import tempfile
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from mip_rt import frame, robots
 from mip_rt import session as runner
 from mip_rt.config import scenario as scenarios
 from mip_rt.fake import bench as fake_bench
+from mip_rt.lab import batch
 from mip_rt.supervisor import State
 
 # What must not happen in ordinary driving although it is no fault.
@@ -61,15 +61,9 @@ def jobs(hours: float):
             seed += 1
 
 
-def run(hours: float, progress, processes: int | None = None) -> list[dict]:
-    """All runs, on `processes` cores (default: all)."""
-    listed = list(jobs(hours))
-    found = []
-    with concurrent.futures.ProcessPoolExecutor(processes) as pool:
-        for result in pool.map(one, listed):
-            found.append(result)
-            progress(len(found), len(listed), f"{result['scenario']}, seed {result['seed']}")
-    return found
+def run(hours: float, cluster=None, workers=None) -> list[dict]:
+    """Results of all runs; see lab.batch for where they run."""
+    return [result for _, result in batch.completed(one, jobs(hours), "alarms", cluster, workers)]
 
 
 def print_table(found: list[dict]) -> None:
