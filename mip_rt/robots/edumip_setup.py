@@ -23,6 +23,7 @@ ESTIMATORS = {
     "dmp": (robot.KIND_DMP, 1, None),
     "dmp_ekf": (robot.KIND_EKF, 1, None),
 }
+FRAME = robot.FRAME
 CONTROLLERS = {"lqr": robot.LQR, "successive_loop": robot.SUCCESSIVE_LOOP, "pid": robot.PID}
 NOISE_STEP_S = 0.005  # the step that the configuration's process noise stands for
 
