@@ -94,9 +94,9 @@ class Session:
         image = (bench.image_path, bench.image_sha256) if bench else None
         self.guard = bench.guard if bench else guard
         self.devices = open_devices(self.kernel, config, self.guard, remote_device, image)
-        self.devices.motors.attach(self.robot.rows)
         dt_s = 1.0 / config.realtime.rate_hz
         self.supervisor = Supervisor(self.devices.motors, config.limits, dt_s, config.control.soft_start_s)
+        self.supervisor.attach(self.robot.rows)
         self.loop = Loop(
             self.robot, self.devices, self.supervisor, self.ring, self.kernel, config.limits.imu_silence_s,
             config.limits.engage_tilt_rad,
