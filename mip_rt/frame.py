@@ -76,7 +76,7 @@ class Field(NamedTuple):
 
 
 def inputs(wheels: int) -> tuple[Field, ...]:
-    """What the loop writes in one stroke before the compiled step, for a robot of so many wheels."""
+    """What is there before the compiled step, for a robot of so many wheels: the loop writes it in one stroke, but for the counts."""
     return (
         Field("tick", "<i8", (), "1", "number of the tick since the start of the loop"),
         Field("edge_ns", "<i8", (), "ns", "kernel timestamp of the IMU's interrupt, CLOCK_MONOTONIC"),
@@ -88,13 +88,13 @@ def inputs(wheels: int) -> tuple[Field, ...]:
         Field("refusals", "<i8", (), "bits", "pre-arm checks that fail at present (prearm.CHECKS)"),
         Field("imu_status", "<i8", (), "bits", "result of reading the IMU (IMU_*)"),
         Field("imu_backlog", "<i8", (), "1", "packets that were waiting beside the newest"),
-        Field("encoder_count", "<i8", (wheels,), "1", "unwrapped eQEP counts by motor, before sign and scale"),
         Field("battery_v", "<f8", (), "V", "battery as last read; NaN where implausible"),
         Field("remote_velocity_m_s", "<f8", (2,), "m/s", "drive command, inertial x and y, after dead-man"),
         Field("remote_yaw_rate_rad_s", "<f8", (), "rad/s", "spin command after dead-man"),
         Field("remote_age_s", "<f8", (), "s", "age of the last valid frame; infinity before the first"),
         Field("gyro_bias_rad_s", "<f8", (3,), "rad/s", "gyro rates at rest, body axes, subtracted from the measured ones"),
         Field("drive_scale", "<f8", (), "1", "soft start: factor on the wheel commands, 0 to 1"),
+        Field("encoder_count", "<i8", (wheels,), "1", "unwrapped eQEP counts by motor, before sign and scale"),
     )
 
 
@@ -156,9 +156,10 @@ class Layout:
             of `estimates` and `estimator_flags` the slots in use.
         dtype: their aligned record type.
         offset: byte offset by name.
-        inputs: struct.Struct of the loop's inputs, to be packed at offset["tick"].
-        duties: likewise of duty_ns.
-        results: likewise of applied_ns, fault, step_ns, write_ns, at offset["applied_ns"].
+        inputs: struct.Struct of the loop's inputs but the counts, to be packed at offset["tick"]; the encoders write their counts themselves.
+        pulses: likewise of applied_ns.
+        found: of limits and alarms.
+        results: of fault, step_ns, write_ns, at offset["fault"].
     """
 
     def __init__(self, wheels: int, estimate_names: tuple[str, ...], own: tuple[Field, ...]):
@@ -171,6 +172,5 @@ class Layout:
         self.step_outputs = tuple(f.name for f in written if f.name != "imu_packet")
         self.dtype = np.dtype([(f.name, f.dtype, f.shape) if f.shape else (f.name, f.dtype) for f in self.fields], align=True)
         self.offset = {name: self.dtype.fields[name][1] for name in self.dtype.names}
-        self.inputs = struct.Struct("<" + "".join(f"{math.prod(f.shape)}{'q' if 'i8' in f.dtype else 'd'}" for f in self.input_fields))
-        self.duties = struct.Struct(f"<{wheels}q")
-        self.results = struct.Struct(f"<{wheels}q3q")
+        self.inputs = struct.Struct("<" + "".join(f"{math.prod(f.shape)}{'q' if 'i8' in f.dtype else 'd'}" for f in self.input_fields[:-1]))
+        self.pulses, self.found, self.results = struct.Struct(f"<{wheels}q"), struct.Struct("<2q"), struct.Struct("<3q")

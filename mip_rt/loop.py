@@ -7,14 +7,15 @@ drivers' bytes and numbers go in, the compiled step fills the rest, the supervis
 import struct
 
 from mip_rt import frame
+from mip_rt.hardware.compiled_io import read_counters
 from mip_rt.hardware.imu_status import IMU_NO_DATA
 from mip_rt.log.ring import STATE_EVERY
+from mip_rt.supervisor import State
 
 REMOTE_EVERY = 4  # ticks between looks at the serial port: 20 ms
 BATTERY_EVERY = 40  # ticks between battery readings: 0.2 s
 
 _LIMITS = struct.Struct("<q")
-_FOUND = struct.Struct("<2q")  # limits and alarms
 _LEAN = struct.Struct("<2d")
 
 
@@ -39,8 +40,8 @@ class Loop:
         self.silence_s, self.engage_tilt_rad = silence_s, engage_tilt_rad
         self.ticks = self.timeouts = 0
         layout = robot.layout
-        self._inputs, self._duties, self._outputs, self._at = layout.inputs, layout.duties, layout.results, layout.offset
-        self._no_pulses = (0,) * layout.wheels
+        self._inputs, self._found, self._results, self._at = layout.inputs, layout.found, layout.results, layout.offset
+        self._pulses, self._no_pulses = layout.pulses, (0,) * layout.wheels
         self._persistent = robot.persistence.parts
 
     def tick(self) -> bool:
@@ -62,40 +63,41 @@ class Loop:
         buffer = ring.buffer
         ring.begin(index)
         status = devices.imu.read(buffer, base + at["imu_packet"])
+        read_counters(devices.counters, self.robot.rows, index)
         remote = devices.remote
-        counts = devices.read_counts()
         remote.update(wake_ns)
         read_ns = kernel.monotonic_ns()
         supervisor.alive(read_ns)
         self._inputs.pack_into(
             buffer, base + at["tick"],
             tick, edge[0], wake_ns, read_ns, edge[2] - 1, supervisor.state, supervisor.request, supervisor.refusals, status,
-            devices.imu.backlog, *counts, devices.battery_v, remote.velocity_x_m_s,
-            remote.velocity_y_m_s, remote.yaw_rate_rad_s, remote.age_s, *self.robot.gyro_bias_rad_s, supervisor.drive_scale,
+            devices.imu.backlog, devices.battery_v, remote.velocity_x_m_s, remote.velocity_y_m_s,
+            remote.yaw_rate_rad_s, remote.age_s, *self.robot.gyro_bias_rad_s, supervisor.drive_scale,
         )  # fmt: skip
 
         self.robot.step(index)
         step_ns = kernel.monotonic_ns()
 
-        limits, alarms = _FOUND.unpack_from(buffer, base + at["limits"])
-        duty_ns = self._duties.unpack_from(buffer, base + at["duty_ns"])
-        roll, pitch = _LEAN.unpack_from(buffer, base + at["attitude_rad"])
-        upright = abs(roll) < self.engage_tilt_rad and abs(pitch) < self.engage_tilt_rad and not status & IMU_NO_DATA
+        limits, alarms = self._found.unpack_from(buffer, base + at["limits"])
+        upright = supervisor.state is State.ARMING and not status & IMU_NO_DATA and self._is_upright(base)
         if not remote.alive:
             limits |= frame.LIMIT_REMOTE_LOST
             _LIMITS.pack_into(buffer, base + at["limits"], limits)
-        applied = duty_ns if supervisor.apply(tick, status, limits, alarms, upright, duty_ns) else self._no_pulses
+        if not supervisor.apply(tick, status, limits, alarms, upright, index):
+            self._pulses.pack_into(buffer, base + at["applied_ns"], *self._no_pulses)
         write_ns = kernel.monotonic_ns()
 
-        self._outputs.pack_into(
-            buffer, base + at["applied_ns"], *applied, supervisor.fault.number, step_ns, write_ns
-        )
+        self._results.pack_into(buffer, base + at["fault"], supervisor.fault.number, step_ns, write_ns)
         ring.commit(index, tick)
         self.ticks = tick + 1
         if self.ticks % STATE_EVERY == 0:  # see robots.persistence
             ring.keep_state(tick, self._persistent)
         self._slack(wake_ns)
         return True
+
+    def _is_upright(self, base: int) -> bool:
+        roll, pitch = _LEAN.unpack_from(self.ring.buffer, base + self._at["attitude_rad"])
+        return abs(roll) < self.engage_tilt_rad and abs(pitch) < self.engage_tilt_rad
 
     def _slack(self, now_ns: int) -> None:
         """Work that may wait until the motors are written: remote bytes, button, battery."""

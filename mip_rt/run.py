@@ -9,7 +9,7 @@ from mip_rt.errors import ConfigError
 def add_arguments(parser) -> None:
     """Declares the arguments of a run."""
     parser.add_argument("--config", metavar="FILE", help="configuration file (default: the installed or shipped one)")
-    parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr")
+    parser.add_argument("--robot", choices=("mbbr", "edumip"), help="default: the file's, or mbbr")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change one value of the configuration")
     parser.add_argument("--dry-run", action="store_true", help="on a PC: the same code against simulated chips and a simulated robot")
     parser.add_argument("--duration", metavar="S", type=float, help="stop after so many seconds (dry run: the scenario's length)")
@@ -30,8 +30,8 @@ def run(arguments) -> int:
     from mip_rt import config as configuration
     from mip_rt import service
 
-    path = arguments.config or configuration.default_path(arguments.robot)
-    config = configuration.load(path, dict(configuration.parse_override(text) for text in arguments.set))
+    path = arguments.config or configuration.default_path(arguments.robot or "mbbr")
+    config = configuration.load(path, dict(configuration.parse_override(text) for text in arguments.set), arguments.robot)
     if arguments.duration is not None and not 0.0 < arguments.duration < 1e8:
         raise ConfigError(f"--duration {arguments.duration:g} is not a time.", "Give seconds, for example --duration 60.", "arguments")
     scenario = None

@@ -23,7 +23,7 @@ class _Motors:
         self.on = True
         return True
 
-    def write(self, duty_ns) -> bool:
+    def write(self, index: int) -> bool:
         return True
 
     def off(self) -> None:
@@ -62,7 +62,7 @@ def _balancing(limits, dt_s: float):
     supervisor = Supervisor(_Motors(), limits, dt_s, 0.0)
     supervisor._enter(State.BALANCING, FAULTS["none"], 0)
     for tick in range(2):
-        supervisor.apply(tick, IMU_OK, 0, 0, True, (1, 1, 1))
+        supervisor.apply(tick, IMU_OK, 0, 0, True, 0)
     return supervisor
 
 
@@ -84,15 +84,15 @@ def check_reactions(limits, dt_s: float, transitions=TRANSITIONS):
             yield "the motors do not go on while balancing"
             return
         status, limit, alarm = _inputs(row.conditions)
-        guard = LOST if row.conditions & Condition.GUARD_LOST else LINE_DROPPED if row.conditions & Condition.GUARD_DROPPED else OK
         if row.conditions & (Condition.MOTOR_ERROR | Condition.IMU_BAD) == 0 and not status:
             status = IMU_OK
+        guard = LOST if row.conditions & Condition.GUARD_LOST else LINE_DROPPED if row.conditions & Condition.GUARD_DROPPED else OK
         for tick in range(Supervisor.ticks(row.hold, limits, dt_s)):
             if row.conditions & Condition.MOTOR_ERROR:
                 supervisor._motor_error = True
             supervisor._motors.guard = guard
             supervisor.alive(0)
-            supervisor.apply(tick, status, limit, alarm, True, (1, 1, 1))
+            supervisor.apply(tick, status, limit, alarm, True, 0)
         if supervisor._motors.on or supervisor.state is not State.FAULT:
             yield f"{row.fault} does not switch the motors off: {CONDITION_SENTENCES.get(row.conditions, hex(row.conditions))}"
     supervisor = _balancing(limits, dt_s)
@@ -102,7 +102,7 @@ def check_reactions(limits, dt_s: float, transitions=TRANSITIONS):
     for state in State:
         supervisor = Supervisor(_Motors(), limits, dt_s, 0.0)
         supervisor.state = state
-        if state is not State.BALANCING and (supervisor.apply(0, IMU_OK, 0, 0, True, (1, 1, 1)) or supervisor._motors.on):
+        if state is not State.BALANCING and (supervisor.apply(0, IMU_OK, 0, 0, True, 0) or supervisor._motors.on):
             yield f"motors are on in {state.name}"
 
 

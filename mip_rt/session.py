@@ -16,6 +16,7 @@ import numpy as np
 from mip_rt import frame, realtime, robots, self_test
 from mip_rt.calibration import GyroCalibration, load_unit_file
 from mip_rt.errors import MipRtError
+from mip_rt.hardware import compiled_io
 from mip_rt.hardware.devices import open_devices
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
@@ -88,12 +89,14 @@ class Session:
         self.ring = Ring(Path(log_folder) / f"{name}.ring", layout.dtype, rows, description, persistence.size)
         self.recorder = recorder_process.RecorderProcess(self.ring, recording)
         self.robot.attach(self.ring.rows)
+        compiled_io.compile_for(layout.dtype)
         self.robot.rehearse()
         image = (bench.image_path, bench.image_sha256) if bench else None
         self.guard = bench.guard if bench else guard
         self.devices = open_devices(self.kernel, config, self.guard, remote_device, image)
         dt_s = 1.0 / config.realtime.rate_hz
         self.supervisor = Supervisor(self.devices.motors, config.limits, dt_s, config.control.soft_start_s)
+        self.supervisor.attach(self.robot.rows)
         self.loop = Loop(
             self.robot, self.devices, self.supervisor, self.ring, self.kernel, config.limits.imu_silence_s,
             config.limits.engage_tilt_rad,
@@ -181,6 +184,11 @@ class Session:
     def tipped(self) -> bool:
         """The last row says that the robot leans beyond the limit."""
         return any(code == "tipped" for _, _, code in self.supervisor.events)
+
+    def condition(self) -> str:
+        """State in words: with the fault, or with the first reason why the robot is not armed, and the cure."""
+        reason = self.why_not_armed()
+        return self.supervisor.state.name + (f"  {reason}" if reason else "")
 
     def _between_ticks(self, tick: int) -> None:
         state = self.supervisor.state
@@ -277,13 +285,10 @@ class Live:
         lean = math.degrees(math.hypot(row["attitude_rad"][0], row["attitude_rad"][1]))
         text = (
             f"{tick / session.config.realtime.rate_hz:7.1f} s  lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
-            f"  {session.devices.battery_v:4.2f} V  {session.supervisor.state.name}"
+            f"  {session.devices.battery_v:4.2f} V  {session.condition()}"
         )
-        reason = session.why_not_armed()
-        text += f"  {reason}" if reason else limits_in_words(int(row["limits"]))
         trouble = session.recorder.trouble()
-        if trouble:
-            text += f"  {trouble}"
+        text += limits_in_words(int(row["limits"])) + (f"  {trouble}" if trouble else "")
         end = "\x1b[K\r" if self._terminal else "\n"
         os.write(2, (text + end).encode())
 

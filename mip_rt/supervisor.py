@@ -191,6 +191,10 @@ class Supervisor:
         seconds = getattr(limits, hold) if isinstance(hold, str) else hold
         return max(1, round(seconds / dt_s))
 
+    def attach(self, rows) -> None:
+        """The pulses to apply stand in these rows of frames."""
+        self._motors.attach(rows)
+
     def press(self) -> None:
         """The arm button was pressed."""
         self._button = True
@@ -209,15 +213,15 @@ class Supervisor:
         """The heartbeat, once a tick before `apply`: the loop has come round to this time; and what has become of the guard meanwhile."""
         self._guard = self._motors.beat(now_ns)
 
-    def apply(self, tick: int, imu_status: int, limits: int, alarms: int, upright: bool, duty_ns) -> bool:
+    def apply(self, tick: int, imu_status: int, limits: int, alarms: int, upright: bool, index: int) -> bool:
         """Evaluates the table for this tick and writes the motors accordingly.
 
         Args:
             imu_status: bits IMU_* of the tick.
             limits: frame.limits of the tick.
             alarms: frame.alarms of the tick.
-            upright: lean within limits.engage_tilt_rad.
-            duty_ns: a signed pulse for each motor.
+            upright: lean within limits.engage_tilt_rad; looked at only while arming.
+            index: row of the frame whose pulses are meant.
 
         Returns:
             True where the pulses were let through to the motors.
@@ -248,7 +252,7 @@ class Supervisor:
             self.request |= frame.REQUEST_ENGAGED
             self._motor_error = not self._motors.enable()
             return False
-        self._motor_error = not self._motors.write(duty_ns)
+        self._motor_error = not self._motors.write(index)
         if self.drive_scale < 1.0:
             self.drive_scale = min(1.0, self.drive_scale + self._scale_step)
         return not self._motor_error

@@ -12,7 +12,7 @@ def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
     parser.add_argument("action", choices=("check", "show", "template", "docs"),
                         help="check a file; show the effective values; print a commented template; print the reference")  # fmt: skip
-    parser.add_argument("--robot", default="mbbr", choices=tuple(ROBOTS))
+    parser.add_argument("--robot", choices=tuple(ROBOTS), help="default: the file's, or mbbr")
     parser.add_argument("--config", metavar="FILE", help="configuration file (default: the installed or shipped one)")
     parser.add_argument("--set", metavar="KEY=VALUE", action="append", default=[], help="change one value")
 
@@ -20,14 +20,14 @@ def add_arguments(parser) -> None:
 def run(arguments) -> int:
     """Exit code 0, or 2 for an invalid configuration."""
     if arguments.action == "template":
-        sys.stdout.write(template(arguments.robot))
+        sys.stdout.write(template(arguments.robot or "mbbr"))
         return 0
     if arguments.action == "docs":
-        sys.stdout.write(documentation(arguments.robot))
+        sys.stdout.write(documentation(arguments.robot or "mbbr"))
         return 0
     try:
-        path = arguments.config or default_path(arguments.robot)
-        config = load(path, dict(parse_override(text) for text in arguments.set))
+        path = arguments.config or default_path(arguments.robot or "mbbr")
+        config = load(path, dict(parse_override(text) for text in arguments.set), arguments.robot)
     except ConfigError as error:
         print(error, file=sys.stderr)
         return 2

@@ -196,7 +196,7 @@ def _split_gain_key(key):
     return [*head.rstrip(".").split("."), "gain_sets", name, last]
 
 
-def loads(text: str, source: str = "<text>", overrides: dict | None = None) -> Config:
+def loads(text: str, source: str = "<text>", overrides: dict | None = None, expected: str | None = None) -> Config:
     """A configuration from YAML text; see `load`."""
     checker = _Checker(source)
     root = _compose(text, checker) or _Node({}, 1)
@@ -205,7 +205,9 @@ def loads(text: str, source: str = "<text>", overrides: dict | None = None) -> C
         root = _Node({}, 1)
     if overrides:
         _override(root, overrides, checker)
-    robot = root.value["robot"].plain() if "robot" in root.value else "mbbr"
+    robot = root.value["robot"].plain() if "robot" in root.value else expected or "mbbr"
+    if expected not in (None, robot):
+        checker.refuse(root.value["robot"].line, "robot", f"this is the configuration of {robot!r}, asked for was {expected!r}")
     if not isinstance(robot, str) or robot not in ROBOTS:
         checker.refuse(root.value["robot"].line, "robot", f"expected one of {', '.join(ROBOTS)}, found {robot!r}{nearest(robot, ROBOTS)}")
         del root.value["robot"]
@@ -236,17 +238,18 @@ def read_text(path) -> str:
         raise ConfigError(f"{path} cannot be read: {reason}.", "Name a file with --config.", "config_unreadable") from error
 
 
-def load(path, overrides: dict | None = None) -> Config:
+def load(path, overrides: dict | None = None, expected: str | None = None) -> Config:
     """Loads and checks a configuration file.
 
     Args:
         path: YAML file.
         overrides: dotted key to value (text is read as YAML), as from --set.
+        expected: robot that the file must be for, or is for where it does not say; None for any.
 
     Raises:
         ConfigError: with every error of the file, each with file, line and key.
     """
-    return loads(read_text(path), str(path), overrides)
+    return loads(read_text(path), str(path), overrides, expected)
 
 
 def folders() -> list[Path]:

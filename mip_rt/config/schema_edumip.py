@@ -4,6 +4,7 @@ Sources of the numbers: dissertation (T) Tables 3.2, 3.3, chapter 3; the public 
 """
 
 import math
+from dataclasses import replace
 
 from mip_rt.config.fields import Choice, Flag, Integer, Named, Number, Rows, Several, matrix, numbers
 from mip_rt.config.schema import DRY_RUN as MBBR_DRY_RUN
@@ -26,7 +27,7 @@ PROCESS_NOISE = {
     "driving": ((1e-9, 1e-7, 1e-7, 0.1, 1.0, 0.1), "ours: commands are wrong by friction and delay, so rates follow their sensors"),
 }
 LEVELS = tuple(
-    {"button": button, "yaw_rate_hz": rate / (2.0 * math.pi), "drive_limit_m_s": 0.35}
+    {"button": button, "yaw_rate_hz": float(f"{rate / (2.0 * math.pi):.9g}"), "drive_limit_m_s": 0.35}
     for button, rate in (("none", 0.0), ("square", 5.0), ("triangle", 10.0), ("circle", 15.0), ("cross", -5.0))
 )
 
@@ -78,7 +79,7 @@ CONTROL = {
         "integral_rad_s": N(3.0, "Tolerated integral of the wheel angle's error.", low=1e-4, high=1e6),
         "command": N(0.1, "Tolerated command.", low=1e-4, high=1e4),
     },
-    "filter_set": PAPER_NAME.__class__("dissertation", "Filters of the successive loops in use.", pattern=PAPER_NAME.pattern, wanted=PAPER_NAME.wanted),
+    "filter_set": replace(PAPER_NAME, default="dissertation", doc="Filters of the successive loops in use."),
     "filters": Named(FILTERS, "D1 and D2 of the successive loops by name.", entry=_FILTER),
     "pid": {
         "lean": N(3.0, "Command a rad of lean.", low=-1000, high=1000),

@@ -11,6 +11,7 @@ from mip_rt.robots.edumip_sensors import mounting
 from mip_rt.robots.edumip_setup import imu_position, model_parameters
 
 WHEELS = 2
+LEAN_RATE = 3  # place of the lean's rate in STATE.x
 
 PARAMETERS = np.dtype(
     [

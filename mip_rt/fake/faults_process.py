@@ -127,7 +127,7 @@ def tipped_over(injector, fault):
 
 def pushed(injector, fault):
     """The roll rate changes at once."""
-    state = injector.bench.world.state[0]
-    if state.held == 0:
+    world = injector.bench.world
+    if world.state[0].held == 0:
         fault.hits += 1
-        state.x[5] += fault.p.rate_rad_s
+        world.state[0].x[world.plant.LEAN_RATE] += fault.p.rate_rad_s

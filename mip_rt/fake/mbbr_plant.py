@@ -20,6 +20,7 @@ from mip_rt.models import friction, mbbr
 from mip_rt.robots.robot import orthonormal
 
 WHEELS = 3
+LEAN_RATE = 5  # place of the roll rate in STATE.x
 
 PARAMETERS = np.dtype(
     [

@@ -124,4 +124,7 @@ class Operator:
                 )
             self._x, self._y = -left, forward  # stick units: x to the right, y forward
         for name, value in (event.set or {}).items():
-            self._world.set(name, value)
+            try:
+                self._world.set(name, value)
+            except KeyError as error:
+                raise ConfigError(f"this robot's world has no {name}.", "Leave it out of the scenario.", "scenario_set") from error

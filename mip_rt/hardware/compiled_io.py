@@ -11,7 +11,7 @@ import os
 
 import numpy as np
 
-from mip_rt.compiled import JIT_DISABLED, njit, numba
+from mip_rt.compiled import JIT_DISABLED, njit, numba, record_array
 
 MOST = 4  # encoders or motors
 TEXT = 24  # bytes of an attribute: a 64-bit number and its newline
@@ -43,6 +43,21 @@ PULSES = np.dtype(
 )
 
 REFUSED = -1  # write_pulses: the kernel refused a write
+
+
+def records(dtype, number: int):
+    """(1,) of COUNTERS or PULSES for so many files, none of them open yet, as the compiled functions want it."""
+    made = np.zeros(1, dtype)
+    made["number"], made["fd"] = number, -1
+    return made.view(np.recarray) if JIT_DISABLED else made
+
+
+def compile_for(frame_dtype) -> None:
+    """Compiles everything here for the rows of one robot, so that nothing compiles in the first tick."""
+    if not JIT_DISABLED:
+        for function, dtype in ((read_counters, COUNTERS), (write_pulses, PULSES)):
+            function.compile((record_array(dtype), record_array(frame_dtype), numba.int64))
+
 
 if JIT_DISABLED:
 
@@ -92,6 +107,26 @@ def _number(text, length):
 
 
 @njit
+def _read(c, i):
+    value, good = _number(c.text, _pread(c.fd[i], c.text))
+    if good == 1:
+        moved = (value - c.raw[i] + HALF) % WRAP - HALF
+        c.count[i] += moved
+        c.raw[i] = value
+        c.failing[i] = 0
+    else:
+        c.errors[i] += 1
+        c.failing[i] = 1
+    return c.count[i]
+
+
+@njit([numba.int64(record_array(COUNTERS), numba.int64)])
+def read_counter(counters, i):
+    """Reads counter `i` alone; returns its unwrapped count."""
+    return _read(counters[0], i)
+
+
+@njit
 def read_counters(counters, rows, index):
     """Reads all counters into rows[index].encoder_count, unwrapped; a counter that cannot be read keeps its last count.
 
@@ -102,16 +137,7 @@ def read_counters(counters, rows, index):
     c = counters[0]
     row = rows[index]
     for i in range(c.number):
-        value, good = _number(c.text, _pread(c.fd[i], c.text))
-        if good == 1:
-            moved = (value - c.raw[i] + HALF) % WRAP - HALF
-            c.count[i] += moved
-            c.raw[i] = value
-            c.failing[i] = 0
-        else:
-            c.errors[i] += 1
-            c.failing[i] = 1
-        row.encoder_count[i] = c.count[i]
+        row.encoder_count[i] = _read(c, i)
 
 
 @njit

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 from types import SimpleNamespace
 
+from mip_rt.hardware import compiled_io
 from mip_rt.hardware.battery import Battery
 from mip_rt.hardware.boards import GPIO, board
 from mip_rt.hardware.encoders import Encoder
@@ -23,16 +24,13 @@ class Devices:
     imu: Mpu9250
     imu_line: InputEvents
     encoders: tuple
+    counters: object  # compiled_io.COUNTERS of all encoders
     motors: Motors
     battery: Battery
     button: InputEvents
     remote: RemoteCommand
     port: SerialPort | None
     battery_v: float = math.nan
-
-    def read_counts(self) -> tuple:
-        """Unwrapped counts of all encoders."""
-        return tuple([encoder.read() for encoder in self.encoders])
 
     def close(self) -> None:
         """Motors first."""
@@ -57,7 +55,8 @@ def open_devices(kernel, config, enable, remote_device: str | None, image=None) 
     enable.wait_ready()
     motors = Motors(kernel, pins, config.motors.channels, round(1e9 / config.motor.pwm_frequency_hz), enable)
     motors.start()
-    encoders = tuple(Encoder(kernel, pins.encoders[channel - 1]) for channel in config.encoders.channels)
+    counters = compiled_io.records(compiled_io.COUNTERS, len(config.encoders.channels))
+    encoders = tuple(Encoder(kernel, pins.encoders[channel - 1], counters, i) for i, channel in enumerate(config.encoders.channels))
     for encoder in encoders:
         encoder.start()
     battery = Battery(kernel, config.battery)
@@ -70,4 +69,4 @@ def open_devices(kernel, config, enable, remote_device: str | None, image=None) 
     imu = (RawMpu9250 if settings.attitude == "onboard" else Mpu9250)(kernel, settings, config.realtime.rate_hz)
     imu.start()
     remote = RemoteCommand(port, FourJoyDecoder(), config.remote)
-    return Devices(imu, imu_line, encoders, motors, battery, button, remote, port, battery.read())
+    return Devices(imu, imu_line, encoders, counters, motors, battery, button, remote, port, battery.read())

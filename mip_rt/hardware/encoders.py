@@ -7,10 +7,9 @@ mainline driver begins with a ceiling of 0, at which nothing counts.
 import os
 
 from mip_rt.errors import EncoderError
-from mip_rt.hardware import sysfs
+from mip_rt.hardware import compiled_io, sysfs
 
-WRAP = 1 << 32
-HALF = 1 << 31
+WRAP = compiled_io.WRAP
 TIEQEP_FOLDERS = "sys/devices/platform/ocp"
 
 
@@ -20,14 +19,15 @@ class Encoder:
     Args:
         kernel: hardware.kernel.Kernel.
         address: device address, such as "48300180".
+        bank: compiled_io.COUNTERS that the counters of one robot share, so that the loop reads them in one call; None: one of its own.
+        index: place in the bank.
 
     Attributes:
         interface: "counter" or "tieqep".
-        errors: reads that failed; the last count is then repeated.
-        failing: the last read failed.
     """
 
-    def __init__(self, kernel, address: str):
+    def __init__(self, kernel, address: str, bank=None, index: int = 0):
+        self._bank, self._index = compiled_io.records(compiled_io.COUNTERS, 1) if bank is None else bank, index
         counter = sysfs.find_by_address(kernel.path("sys/bus/counter/devices"), "counter*", address)
         if counter is not None:
             self.interface, self._folder = "counter", counter / "count0"
@@ -43,9 +43,16 @@ class Encoder:
             self.interface, self._folder = "tieqep", found[0]
             self._count_file = self._folder / "position"
         self._fd = -1
-        self._raw = self._count = 0
-        self.errors = 0
-        self.failing = False
+
+    @property
+    def errors(self) -> int:
+        """Reads that failed; the last count is then repeated."""
+        return int(self._bank["errors"][0, self._index])
+
+    @property
+    def failing(self) -> bool:
+        """The last read failed."""
+        return bool(self._bank["failing"][0, self._index])
 
     def start(self) -> None:
         """Full range, quadrature, zero, on; then checks that a count can be written and read back.
@@ -65,30 +72,22 @@ class Encoder:
                 sysfs.write(self._count_file, "0\n")
                 sysfs.write(self._folder / "enabled", "1\n")
             self._fd = os.open(self._count_file, os.O_RDONLY | os.O_CLOEXEC)
-            self._raw = int(os.pread(self._fd, 24, 0))
+            raw = int(os.pread(self._fd, 24, 0))
         except (OSError, ValueError) as error:
             raise EncoderError(
                 f"the counter {self._folder} does not take its settings: {error}.",
                 "Check permissions (group gpio) and the overlay.",
                 "encoder_setup",
             ) from error
-        self._count = 0
+        for name, value in (("fd", self._fd), ("raw", raw), ("count", 0), ("failing", 0)):
+            self._bank[name][0, self._index] = value
 
     def read(self) -> int:
         """The unwrapped count; the last one where reading failed. Never raises."""
-        try:
-            raw = int(os.pread(self._fd, 24, 0))
-        except (OSError, ValueError):
-            self.errors += 1
-            self.failing = True
-            return self._count
-        self.failing = False
-        self._count += (raw - self._raw + HALF) % WRAP - HALF
-        self._raw = raw
-        return self._count
+        return compiled_io.read_counter(self._bank, self._index)
 
     def close(self) -> None:
         """Closes the file; the counter goes on."""
         if self._fd >= 0:
             os.close(self._fd)
-            self._fd = -1
+            self._fd = self._bank["fd"][0, self._index] = -1

@@ -5,6 +5,7 @@ switches the outputs off. The guard's process holds it (mip_rt/guard.py); the mo
 """
 
 from mip_rt.errors import MotorError
+from mip_rt.hardware import compiled_io
 from mip_rt.hardware.boards import GPIO
 from mip_rt.hardware.gpio import OutputLines
 from mip_rt.hardware.pwm import PwmChannel
@@ -31,6 +32,9 @@ class Motors:
         pins = [board.motors[channel] for channel in channels]
         self._pwm = [PwmChannel(kernel, *pin.pwm) for pin in pins]
         self._period_ns = period_ns
+        self._pulses = compiled_io.records(compiled_io.PULSES, len(pins))
+        self._pulses["period_ns"], self._pulses["written_ns"] = period_ns, -1
+        self._rows = None
         self.errors, self.last_error, self.enabled = 0, None, False
         self._enable, self.beat = enable, enable.beat
         # Direction lines may lie in several banks: one request a bank, and for each motor its bits there.
@@ -43,7 +47,6 @@ class Motors:
         self._direction = [
             tuple((lines[bank], 1 << by_bank[bank].index(offset)) for bank, offset in (pin.a, pin.b)) for pin in pins
         ]
-        self._sign = [0] * len(pins)
 
     def start(self) -> None:
         """Sets up the PWM channels, all off; the enable line stays low."""
@@ -51,10 +54,16 @@ class Motors:
             channel.export()
         for channel in self._pwm:
             channel.start(self._period_ns)
+        self._pulses["fd"][0, : len(self._pwm)] = [channel.fd for channel in self._pwm]
+
+    def attach(self, rows) -> None:
+        """Takes pulses from these rows of frames and notes there what was applied."""
+        self._rows = rows
 
     def enable(self) -> bool:
         """Wakes the drivers with duty 0; False where the kernel refuses."""
         try:
+            self._pulses["written_ns"] = -1
             for channel in self._pwm:
                 channel.off()
             self._enable.set(True)
@@ -63,25 +72,23 @@ class Motors:
         except OSError as error:
             return self._failed(error)
 
-    def write(self, duty_ns) -> bool:
-        """One signed pulse in ns a motor; only changes reach the kernel. False where it refuses.
+    def write(self, index: int) -> bool:
+        """Applies the pulses (duty_ns) of row `index`; only changes reach the kernel. False where it refuses.
 
         At a reversal the old pulse is taken away before the direction changes.
         """
-        try:
-            for i in range(len(self._sign)):
-                pulse = duty_ns[i]
-                if pulse == 0:
-                    self._pwm[i].write(0)
-                    continue
-                sign = 1 if pulse > 0 else -1
-                if sign != self._sign[i]:
-                    self._pwm[i].write(0)
-                    self._turn(i, sign)
-                self._pwm[i].write(min(pulse * sign, self._period_ns))
+        turn = compiled_io.write_pulses(self._pulses, self._rows, index)
+        if turn == 0:
             return True
+        try:
+            while turn > 0:
+                for i in range(len(self._pwm)):
+                    if turn >> i & 1:
+                        self._turn(i, 1 if self._rows["duty_ns"][index, i] > 0 else -1)
+                turn = compiled_io.write_pulses(self._pulses, self._rows, index)
         except OSError as error:
             return self._failed(error)
+        return turn == 0 or self._failed(OSError("a pulse was refused"))
 
     def _turn(self, i: int, sign: int) -> None:
         (a_lines, a), (b_lines, b) = self._direction[i]
@@ -90,7 +97,7 @@ class Motors:
         else:
             a_lines.set(a if sign > 0 else 0, a)
             b_lines.set(b if sign < 0 else 0, b)
-        self._sign[i] = sign
+        self._pulses["sign"][0, i] = sign
 
     def _failed(self, error) -> bool:
         self.errors += 1
@@ -101,6 +108,7 @@ class Motors:
         """Enable low and duty 0; every part is tried, whatever the others do. Never raises."""
         self._enable.set(False)
         self.enabled = False
+        self._pulses["written_ns"] = -1
         for channel in self._pwm:
             try:
                 channel.off()
@@ -110,6 +118,7 @@ class Motors:
     def close(self) -> None:
         """Off, then every line and file but the enable line is released. Raises nothing but what a later start would also meet."""
         self.off()
+        self._pulses["fd"] = -1
         problems = []
         for part in (*self._pwm, *self._direction_lines):
             try:

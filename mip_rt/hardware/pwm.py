@@ -32,7 +32,6 @@ class PwmChannel:
         self._names = (chip / f"pwm{channel}", kernel.path(f"sys/class/pwm/pwm-{number}:{channel}"))
         self._chip = chip
         self._fd = -1
-        self._duty_ns = None
         self.folder = None
 
     def export(self) -> None:
@@ -60,7 +59,6 @@ class PwmChannel:
         self._set("duty_cycle", "0")
         self._set("enable", "1")
         self._fd = os.open(self.folder / "duty_cycle", os.O_WRONLY | os.O_CLOEXEC)
-        self._duty_ns = 0
 
     def _set(self, attribute: str, value: str, ignore: int = 0) -> None:
         try:
@@ -76,17 +74,15 @@ class PwmChannel:
             "pwm_refused",
         )
 
-    def write(self, duty_ns: int) -> None:
-        """Sets the pulse length; only a change is written. OSError where the kernel refuses."""
-        if duty_ns != self._duty_ns:
-            os.pwrite(self._fd, b"%d\n" % duty_ns, 0)
-            self._duty_ns = duty_ns
+    @property
+    def fd(self) -> int:
+        """The open duty_cycle, to which pulses are written in ns; -1 before `start` and after `close`."""
+        return self._fd
 
     def off(self) -> None:
         """Duty 0, written whatever was written before; OSError where the kernel refuses."""
-        self._duty_ns = None
         if self._fd >= 0:
-            self.write(0)
+            os.pwrite(self._fd, b"0\n", 0)
 
     def close(self) -> None:
         """Channel off, files closed."""

@@ -12,14 +12,15 @@ from mip_rt.config import published
 from mip_rt.config import scenario as scenarios
 from mip_rt.fake import bench as fake_bench
 from mip_rt.lab import batch
+from mip_rt.progress import progress
 
 DRIVES = (("drive", 0.0), ("drive-spin-0.5", 0.5), ("drive-spin-1.0", 1.0), ("drive-spin-1.5", 1.5))
 ALL_SCENARIOS = ("hold", "spin-0.5", "spin-1.0", "spin-1.5", "drive-spin-1.0", "dissertation-6.4.5")
 
 
-def dry_run(overrides: dict, scenario: str, seed: int, duration_s: float | None = None) -> dict:
+def dry_run(overrides: dict, scenario: str, seed: int, duration_s: float | None = None, robot: str = "mbbr") -> dict:
     """Summary of a dry run on virtual time, in this process."""
-    config = configuration.load(configuration.default_path("mbbr"), overrides)
+    config = configuration.load(configuration.default_path(robot), overrides)
     script = scenarios.load(scenario)
     bench = fake_bench.build(config, script, seed, False)
     try:
@@ -97,21 +98,21 @@ def print_robustness(found: dict) -> None:
                 print(f"{scenario} fell after {balanced:.1f} s: " + " ".join(f"--set {key}={value}" for key, value in overrides.items()))
 
 
-def speed(quick: bool) -> dict:
+def speed(quick: bool, robot: str = "mbbr") -> dict:
     """Costs on this machine: a stubbed tick, the EKF alone, the whole dry run against real time."""
     import time
 
     from mip_rt.lab import costs
 
     count = 5000 if quick else 20000
-    costs.steps(10)
+    costs.steps(10, robot)
     begin = time.perf_counter()
-    costs.steps(20 * count)
+    costs.steps(20 * count, robot)
     ekf_ns = (time.perf_counter() - begin) / (20 * count) * 1e9
-    tick_us = min(costs.ticks(count) for _ in range(3)) / count * 1e6
+    tick_us = min(costs.ticks(count, robot) for _ in range(3)) / count * 1e6
     begin = time.perf_counter()
     duration = 20.0 if quick else 60.0
-    dry_run({"estimator.shadows": "[]"}, "hold", 1, duration)
+    dry_run({"estimator.shadows": "[]"}, "hold", 1, duration, robot)
     return {"ekf_step_ns": ekf_ns, "tick_us": tick_us, "times_real_time": duration / (time.perf_counter() - begin)}
 
 
@@ -123,6 +124,7 @@ def add_arguments(parser) -> None:
                         "false alarms in ordinary driving; onboard attitude on recordings with motion capture")  # fmt: skip
     parser.add_argument("--data", metavar="FOLDER", help="broad: folder of the recordings")
     parser.add_argument("--hours", metavar="N", type=float, default=1.0, help="alarms: simulated hours of driving")
+    parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr", help="whose costs `steps` measures")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--quick", action="store_true", help="fewer seeds, ticks or runs")
     batch.add_arguments(parser)
@@ -141,7 +143,7 @@ def run(arguments) -> int:
     elif arguments.what == "alarms":
         from mip_rt.lab import alarms
 
-        found = alarms.run(arguments.hours, progress)
+        found = alarms.run(arguments.hours, arguments.cluster, arguments.workers)
         print(json.dumps(found)) if arguments.json else alarms.print_table(found)
         return int(any(result["faults"] or any(result["graded"].values()) for result in found))
     elif arguments.what == "broad":
@@ -159,7 +161,7 @@ def run(arguments) -> int:
         print(json.dumps(figures)) if arguments.json else module.render(figures)
         return int(module is log_damage and not log_damage.passed(figures))
     else:
-        figures = speed(arguments.quick)
+        figures = speed(arguments.quick, arguments.robot)
         if arguments.json:
             print(json.dumps(figures))
         else:

@@ -14,16 +14,17 @@ import time
 import numpy as np
 
 from mip_rt import config as configuration
+from mip_rt import robots
 from mip_rt import session as runner
 from mip_rt.compiled import njit
 from mip_rt.config import scenario as scenarios
-from mip_rt.estimators import mbbr_ekf
+from mip_rt.estimators import mbbr_ekf, mip_ekf
 from mip_rt.fake import bench as fake_bench
 from mip_rt.fake.kernel import SAMPLE_NS
+from mip_rt.hardware import compiled_io
 from mip_rt.hardware.i2c import I2cBus
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
-from mip_rt.robots import mbbr_setup
 from mip_rt.supervisor import State
 
 PACKETS = 8
@@ -37,21 +38,29 @@ def ekf_steps(parameters, states, u, y, count):
         mbbr_ekf.step(parameters[0].ekf, states[0].filter, u, y, mbbr_ekf.ALL_VALID)
 
 
-def shipped(**overrides):
+@njit
+def mip_ekf_steps(parameters, states, u, y, count):
+    """`count` cycles of the 6-state EKF in slot 0."""
+    for _ in range(count):
+        mip_ekf.step(parameters[0].ekf, states[0].filter, u, y, mip_ekf.ALL_VALID)
+
+
+def shipped(robot="mbbr", **overrides):
     """The shipped configuration with one estimator."""
-    return configuration.load(configuration.default_path("mbbr"), {"estimator.shadows": "[]", "log.ring_s": "5", **overrides})
+    return configuration.load(configuration.default_path(robot), {"estimator.shadows": "[]", "log.ring_s": "5", **overrides})
 
 
-def steps(count: int) -> None:
-    """Runs `count` EKF steps."""
-    arguments = mbbr_setup.build(shipped())._arguments
-    ekf_steps(arguments[2], arguments[3], np.array([0.1, -0.1, 0.05]), np.zeros(8), count)
+def steps(count: int, robot: str = "mbbr") -> None:
+    """Runs `count` steps of the robot's EKF."""
+    arguments = robots.setup(robot).build(shipped(robot))._arguments
+    kernel, inputs, outputs = {"mbbr": (ekf_steps, 3, 8), "edumip": (mip_ekf_steps, 2, 4)}[robot]
+    kernel(arguments[2], arguments[3], np.full(inputs, 0.05), np.zeros(outputs), count)
 
 
-def stubbed_loop():
+def stubbed_loop(robot: str = "mbbr"):
     """(loop, bench): a loop in BALANCING whose boundary gives prepared answers."""
-    bench = fake_bench.build(shipped(), scenarios.load("hold"), 1, False)
-    session = runner.Session(shipped(), bench, tempfile.mkdtemp(), bench.remote.device, 1, "costs")
+    bench = fake_bench.build(shipped(robot), scenarios.load("hold"), 1, False)
+    session = runner.Session(shipped(robot), bench, tempfile.mkdtemp(), bench.remote.device, 1, "costs")
     loop, packets = session.loop, []
     while len(packets) < PACKETS:
         loop.tick()
@@ -83,9 +92,9 @@ def stubbed_loop():
     return loop, bench
 
 
-def ticks(count: int) -> float:
+def ticks(count: int, robot: str = "mbbr") -> float:
     """Runs `count` stubbed ticks; returns the seconds they took."""
-    loop, bench = stubbed_loop()
+    loop, bench = stubbed_loop(robot)
     begin = time.perf_counter()
     for _ in range(count):
         loop.tick()
@@ -104,13 +113,17 @@ def parts(name: str, count: int) -> float:
     loop, bench = stubbed_loop()
     loop.tick()
     devices, ring, supervisor, at = loop.devices, loop.ring, loop.supervisor, loop.robot.layout.offset
-    pulses = [(1000 + i, -2000 - i, 3000 + i) for i in range(PACKETS)]
-    turn = itertools.cycle(pulses)
+    changing = itertools.cycle([loop.robot.layout.pulses.pack(1000 + i, -2000 - i, 3000 + i) for i in range(PACKETS)])
+
+    def supervise():
+        ring.buffer[at["duty_ns"] : at["duty_ns"] + 24] = next(changing)
+        supervisor.apply(0, IMU_OK, 0, 0, True, 0)
+
     action = {
         "imu": lambda: devices.imu.read(ring.buffer, at["imu_packet"]),
-        "encoders": devices.read_counts,
+        "encoders": lambda: compiled_io.read_counters(devices.counters, loop.robot.rows, 0),
         "step": lambda: loop.robot.step(0),
-        "supervisor": lambda: supervisor.apply(0, IMU_OK, 0, 0, True, next(turn)),
+        "supervisor": supervise,
     }[name]
     begin = time.perf_counter()
     for _ in range(count):

@@ -1,7 +1,5 @@
 """What the log costs the loop: the operations of one tick, and the latencies while the recorder is stopped, slow or without room."""
 
-import contextlib
-import os
 import shutil
 import signal
 import subprocess
@@ -55,7 +53,7 @@ def tick_cost(count: int = 100_000) -> dict:
 
 
 # Waits for this process's recorder, then stops it for good, or for nine tenths of the time.
-STOP = "until P=$(pgrep -P $PPID -f mip_rt.log.recorder); do sleep 0.1; done; sleep 1; kill -STOP $P; while sleep 0.9; do {}; done"
+STOP = "until P=$(pgrep -P $PPID -f '[m]ip_rt.log.recorder'); do sleep 0.1; done; sleep 1; kill -STOP $P; while sleep 0.9; do {}; done"
 TROUBLE = {
     "recorder stopped": STOP.format(":"),
     "recorder slow": STOP.format("kill -CONT $P; sleep 0.1; kill -STOP $P"),
@@ -63,9 +61,9 @@ TROUBLE = {
 
 
 def small_disk(folder: Path) -> bool:
-    """Mounts a file system of 1 MB; False where that is not allowed."""
+    """Mounts a file system of 64 kB, full within seconds; False where that is not allowed."""
     folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "mip-rt-bench", str(folder)]
+    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "mip-rt-bench", str(folder)]
     return subprocess.run(mount, capture_output=True, check=False).returncode == 0
 
 
@@ -90,8 +88,7 @@ def run_under(condition: str, duration_s: float) -> dict | None:
         if child:
             child.kill()
             child.wait()
-            with contextlib.suppress(ProcessLookupError):  # it has ended
-                os.kill(session.ring.recorder_status()["process"], signal.SIGCONT)
+            session.recorder.process.send_signal(signal.SIGCONT)
         bench.close()
         if mounted:
             subprocess.run(["umount", "-l", str(disk)], check=False)
@@ -99,9 +96,9 @@ def run_under(condition: str, duration_s: float) -> dict | None:
 
 
 def disturbance(duration_s: float, rounds: int, progress=lambda done, total, what: None) -> dict:
-    """By condition: p99.9 of edge to motor write in microseconds (the median over rounds), missed ticks, rows that were not recorded.
+    """By condition: p99.9 of edge to motor write in microseconds (the best and the median of the rounds), missed ticks, rows not recorded.
 
-    The conditions take turns, so that what else the machine does meets all of them.
+    The conditions take turns, so that what else the machine does meets all of them; on a machine that does much else only the best counts.
     """
     found = {condition: [] for condition in CONDITIONS}
     for number in range(rounds):
@@ -113,8 +110,10 @@ def disturbance(duration_s: float, rounds: int, progress=lambda done, total, wha
     table = {}
     for condition, reports in found.items():
         if reports:
+            p999_us = [report["latency_us"]["edge_to_write"]["p999"] for report in reports]
             table[condition] = {
-                "p999_us": float(np.median([report["latency_us"]["edge_to_write"]["p999"] for report in reports])),
+                "p999_best_us": float(np.min(p999_us)),
+                "p999_us": float(np.median(p999_us)),
                 "missed": sum(report["missed"] for report in reports),
                 "ticks": sum(report["ticks"] for report in reports),
                 "recorded": sum(report["recorder"]["recorded"] for report in reports if report["recorder"]),
@@ -132,10 +131,10 @@ def render(figures: dict) -> None:
     """Markdown."""
     tick = figures["tick"]
     print(f"log in the loop: {tick['us_per_tick']:.2f} us a tick, {tick['bytes_grown']} bytes grown in 10,000 ticks\n")
-    print("| recorder | edge to motors p99.9 (us) | missed | ticks | recorded | not recorded |")
-    print("|---|---|---|---|---|---|")
+    print("| recorder | edge to motors p99.9 (us), best round | median | missed | ticks | recorded | not recorded |")
+    print("|---|---|---|---|---|---|---|")
     for condition, row in figures["loop"].items():
-        print(f"| {condition} | {row['p999_us']:.0f} | {row['missed']} | {row['ticks']} | {row['recorded']} | {row['not_recorded']} |")
+        print(f"| {condition} | {row['p999_best_us']:.0f} | {row['p999_us']:.0f} | {row['missed']} | {row['ticks']} | {row['recorded']} | {row['not_recorded']} |")
     for condition in CONDITIONS:
         if condition not in figures["loop"]:
             print(f"\n{condition}: left out, needs the right to mount a file system")

@@ -29,10 +29,9 @@ def bands(frames, times_s, codes: Codes) -> list[Band]:
 def _conditions(frames, codes: Codes):
     if frames["missed"].any():
         yield "missed ticks", frames["missed"] > 0
-    for name, entry in events.imu_troubles(frames, codes).items():
-        yield f"IMU {name}", frames["imu_status"] & entry["bit"] != 0
-    for name, entry in events.limits(frames, codes).items():
-        yield name, frames["limits"] & entry["bit"] != 0
+    for field, words in (("imu_status", "IMU "), ("limits", ""), ("alarms", "alarm: ")):
+        for name, entry in events.bits(frames, field, codes).items():
+            yield words + name, frames[field] & entry["bit"] != 0
 
 
 def _runs(mask, times_s, step_s: float) -> list[tuple]:

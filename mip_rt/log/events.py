@@ -48,39 +48,45 @@ def fault_rows(frames, codes) -> list[int]:
 
 
 def faults(frames, times_s, codes) -> list[dict]:
-    """Faults with code, sentence and cure, and what was limited in the second before each."""
+    """Faults with code, sentence and cure, and what was limited or found by the detectors in the second before each."""
     found = []
     for row in fault_rows(frames, codes):
         before = frames[(times_s > times_s[row] - BEFORE_S) & (times_s <= times_s[row])]
-        ticks = {name: entry["ticks"] for name, entry in limits(before, codes).items()}
-        found.append({**moment(frames, times_s, row), **codes.fault_words(frames["fault"][row]), "limits_before": ticks})
+        words = {f"{field}_before": {name: entry["ticks"] for name, entry in bits(before, field, codes).items()} for field in ("limits", "alarms")}
+        found.append({**moment(frames, times_s, row), **codes.fault_words(frames["fault"][row]), **words})
     return found
 
 
-def in_words(ticks: dict) -> str:
-    """Counts of ticks by name, as part of a sentence."""
-    return ", ".join(f"{name} in {count} tick{'s' * (count != 1)}" for name, count in ticks.items())
+def before_in_words(fault: dict) -> str:
+    """What came in the second before a fault, as a sentence, without what the fault itself says; "" where nothing did."""
+    parts = [
+        title + ", ".join(f"{name} in {count} tick{'s' * (count != 1)}" for name, count in fault[key].items() if name != fault["code"])
+        for title, key in (("", "limits_before"), ("alarms: ", "alarms_before")) if set(fault[key]) - {fault["code"]}
+    ]  # fmt: skip
+    return "in the second before: " + "; ".join(parts) if parts else ""
 
 
-def limits(frames, codes, times_s=None) -> dict[str, dict]:
-    """By name of each limit that was applied: its bit, number of ticks, and first and last time where times are given."""
-    return _bits(frames["limits"], codes.limits_in(frames["limits"]), times_s)
+def bits(frames, field: str, codes, times_s=None) -> dict[str, dict]:
+    """By name of each bit of a field (codes.BITS) that was set: the bit, number of ticks, and first and last time where times are given.
 
-
-def imu_troubles(frames, codes, times_s=None) -> dict[str, dict]:
-    """Likewise for what the IMU's reading returned beside a good packet."""
-    return _bits(frames["imu_status"], codes.imu, times_s)
-
-
-def _bits(words, names: dict, times_s) -> dict[str, dict]:
+    Empty where the log has no such field.
+    """
     found = {}
-    for name, bit in names.items():
+    if field not in frames.dtype.names:
+        return found
+    words = frames[field]
+    for name, bit in codes.bits_in(field, words).items():
         rows = np.flatnonzero(words & bit)
         if len(rows):
             found[name] = {"bit": bit, "ticks": len(rows)}
             if times_s is not None:
                 found[name] |= {"first_s": round(float(times_s[rows[0]]), 6), "last_s": round(float(times_s[rows[-1]]), 6)}
     return found
+
+
+def limits(frames, codes, times_s=None) -> dict[str, dict]:
+    """`bits` of what was limited, replaced or refused."""
+    return bits(frames, "limits", codes, times_s)
 
 
 def gaps(frames, times_s) -> list[dict]:

@@ -68,6 +68,8 @@ def report(log, config_path=None) -> dict:
     missed, lost = events.missed(frames, times_s), events.gaps(frames, times_s)
     passed = int(frames["tick"][-1] - frames["tick"][0]) + int(frames["missed"][1:].sum())
     changes = events.transitions(frames, times_s, codes)
+    resting = frames["state"] != codes.balancing_state
+    idle = frames[resting]
     header = log.header
     return {
         "log": str(log.path),
@@ -93,7 +95,9 @@ def report(log, config_path=None) -> dict:
         "states": changes,
         "faults": events.faults(frames, times_s, codes),
         "limits": events.limits(frames, codes, times_s),
-        "imu": events.imu_troubles(frames, codes, times_s),
+        "alarms": events.bits(frames, "alarms", codes, times_s),
+        "refusals": events.bits(idle, "refusals", codes, times_s[resting]),
+        "imu": events.bits(frames, "imu_status", codes, times_s),
         "configuration": _configuration(log, config_path),
         "recorder": _recorder(log),
         "calibration": header.get("calibration", {}),
@@ -143,12 +147,12 @@ def _configuration(log, path) -> dict:
 
 def render(report: dict) -> str:
     """The report for people."""
-    from mip_rt.log.events import in_words
+    from mip_rt.log.events import before_in_words
 
     r = report
     lines = [f"{r['log']}: {r['robot']}, {r['ticks']} ticks from {r['begin_s']:.3f} s on, {r['span_s']:.3f} s at {r['rate_hz']:.2f} Hz"]
-    about = [f"{key} {value}" for key, value in r["run"].items() if value not in ("", None)]
-    lines.append(f"began {r['started'] or 'at an unknown time'}; estimators {', '.join(r['estimators']) or 'unknown'}" + "".join(f"; {a}" for a in about))
+    about = [f"estimators {', '.join(r['estimators']) or 'unknown'}"] + [f"{key} {value}" for key, value in r["run"].items() if value not in ("", None)]
+    lines.append(f"began {r['started'] or 'at an unknown time'}; " + "; ".join(about))
     lines.append(f"{r['missed']} ticks missed, {r['lost']} rows lost")
     lines += _listed(r["missed_at"], lambda e: f"  {_when(e)}: {e['missed']} missed before")
     lines += _listed(r["lost_at"], lambda e: f"  {_when(e)}: {e['lost']} rows are not in the log before")
@@ -157,11 +161,10 @@ def render(report: dict) -> str:
     lines += ["", "faults" if r["faults"] else "no fault"]
     for entry in r["faults"]:
         lines.append(f"  {_when(entry)}: {entry['code']}: {entry['sentence']}" + (f"; cure: {entry['cure']}" if entry["cure"] else ""))
-        if entry["limits_before"]:
-            lines.append("    in the second before: " + in_words(entry["limits_before"]))
+        lines += [f"    {before}" for before in [before_in_words(entry)] if before]
     lines += ["", "states"]
     lines += _listed(r["states"], lambda e: f"  {_when(e)}: {e['state']}")
-    for title, key in (("limits applied", "limits"), ("IMU troubles", "imu")):
+    for title, key in (("limits applied", "limits"), ("alarms", "alarms"), ("IMU troubles", "imu"), ("not armed because of", "refusals")):
         if r[key]:
             lines += ["", f"{title:<24} {'ticks':>8}  {'first':>10}  {'last':>10}"]
             lines += [f"  {name:<22} {e['ticks']:>8}  {e['first_s']:>8.3f} s  {e['last_s']:>8.3f} s" for name, e in r[key].items()]
@@ -185,7 +188,8 @@ def _latency_table(r: dict) -> list[str]:
     if not any(r["latency_us"][stage]["max"] for stage in stages):
         return ["latency: none, time was virtual"]
     lines = ["latency (us)".ljust(15) + "".join(f"{head:>16}" for head in heads)]
-    lines += [f"  {name.replace('p999', 'p99.9'):<13}" + "".join(f"{r['latency_us'][s][name]:>16.1f}" for s in stages) for name in ("p50", "p99", "p999", "max")]
+    for name in ("p50", "p99", "p999", "max"):
+        lines.append(f"  {name.replace('p999', 'p99.9'):<13}" + "".join(f"{r['latency_us'][stage][name]:>16.1f}" for stage in stages))
     histogram = {stage: r["histogram_us"][stage] for stage in stages}
     used = [i for i in range(len(EDGES_US) - 1) if any(histogram[stage][i] for stage in stages)]
     for i in range(used[0], used[-1] + 1):
@@ -223,8 +227,9 @@ def _configuration_lines(found: dict) -> list[str]:
 def _recorder_line(counters: dict) -> list[str]:
     if not counters:
         return []
-    line = (f"recorder: {counters.get('recorded', 0)} rows written, {counters.get('dropped', 0)} dropped, at most {counters.get('backlog_max', 0)} waiting, "
-            f"{counters.get('errors', 0)} refused writes, slowest sync {counters.get('sync_max_ns', 0) / 1e6:.0f} ms")  # fmt: skip
+    c = {"recorded": 0, "dropped": 0, "backlog_max": 0, "errors": 0, "sync_max_ns": 0, **counters}
+    line = (f"recorder: {c['recorded']} rows written, {c['dropped']} dropped, at most {c['backlog_max']} waiting, {c['errors']} refused writes, "
+            f"slowest sync {c['sync_max_ns'] / 1e6:.0f} ms")  # fmt: skip
     refused = counters.get("faults_refused", 0) + counters.get("faults_lost", 0)
     line += f"; {refused} fault files not kept" if refused else ""
     return [f"{line}; ended: {counters['reason']}" if "reason" in counters else line]

@@ -63,8 +63,8 @@ def figure(page: Page):
     sheet.update_layout(
         height=height, plot_bgcolor="white", hovermode="x", dragmode="zoom", font={"size": 11},
         margin={"l": 130, "r": 20, "t": TOP_PX, "b": 40},
-        title={"text": f"<b>{_escape(page.heading)}</b><br><span style='font-size:13px;color:{colour}'>"
-                       + "<br>".join(map(_escape, page.verdict)) + "</span>", "x": 0.01, "y": 1.0 - 18 / height, "yanchor": "top", "font": {"size": 16}},
+        title={"text": f"<b>{_escape(page.heading)}</b><br><span style='font-size:13px;color:{colour}'>{'<br>'.join(map(_escape, page.verdict))}</span>",
+               "x": 0.01, "y": 1.0 - 18 / height, "yanchor": "top", "font": {"size": 16}},
         legend={"groupclick": "toggleitem", "tracegroupgap": 8, "font": {"size": 10}},
     )  # fmt: skip
     return sheet

@@ -19,7 +19,7 @@ from mip_rt.log.columns import estimators, unit_of
 # Topic by the beginning of a field's name; the first that fits. Estimates have a topic each.
 TOPICS = (
     ("/mip/timing", ("sequence", "tick", "edge_ns", "wake_ns", "read_ns", "step_ns", "write_ns", "missed")),
-    ("/mip/supervisor", ("state", "request", "refusals", "limits", "fault", "drive_scale", "reaction")),
+    ("/mip/supervisor", ("state", "request", "refusals", "limits", "alarms", "fault", "drive_scale", "drive_allowed")),
     ("/mip/remote", ("remote_",)),
     ("/mip/reference", ("reference_", "error")),
     ("/mip/estimator", ("state_estimate", "state_variance", "innovation", "estimator_")),
@@ -113,12 +113,14 @@ class _Topic:
 
     def _add_words(self, properties: dict, frames, codes: Codes) -> None:
         """States, faults and limits in words, beside their numbers."""
-        known = codes.limits_in(frames["limits"])
         words = {
             "state_name": ("supervisor state", [codes.state(n) for n in frames["state"].tolist()]),
             "fault_code": ("code of the fault", [codes.fault(n) for n in frames["fault"].tolist()]),
-            "limit_names": ("what was limited", [" ".join(n for n, bit in known.items() if word & bit) for word in frames["limits"].tolist()]),
         }
+        for field, name, meaning in (("limits", "limit_names", "what was limited"), ("alarms", "alarm_names", "what the detectors have found")):
+            if field in self.columns:
+                known = codes.bits_in(field, frames[field]).items()
+                words[name] = (meaning, [" ".join(n for n, bit in known if word & bit) for word in self.columns[field]])
         for name, (meaning, column) in words.items():
             properties[name] = {"type": "string", "description": meaning}
             self.columns[name] = column

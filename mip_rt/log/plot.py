@@ -72,16 +72,14 @@ def build(log, times_s, mask, fields: str | None = None):
 
 def verdict(faults: list) -> list[str]:
     """One or two sentences a fault."""
-    from mip_rt.log.events import in_words
+    from mip_rt.log.events import before_in_words
 
     if not faults:
         return ["no fault in this window"]
     sentences = []
     for fault in faults[-2:]:
         sentences.append(f"{fault['code']} at {fault['time_s']:.3f} s (tick {fault['tick']}): {fault['sentence']}")
-        before = {name: n for name, n in fault["limits_before"].items() if name != fault["code"]}
-        if before:
-            sentences.append("in the second before: " + in_words(before))
+        sentences += [before for before in [before_in_words(fault)] if before]
     if len(faults) > 2:
         sentences.append(f"{len(faults) - 2} earlier faults in this window")
     return sentences

@@ -42,11 +42,15 @@ class RecorderProcess:
     Args:
         ring: log.ring.Ring, whose description has `recording`, or nothing where no recorder is wanted.
         recording: those settings; None for no recorder.
+
+    Attributes:
+        process: the started process, None where there is none.
+        died: it is gone although it should not be.
     """
 
     def __init__(self, ring, recording: dict | None):
         self._ring, self._recording = ring, recording
-        self._process = None
+        self.process = None
         self.died = False
         self._patient = True
 
@@ -61,20 +65,23 @@ class RecorderProcess:
             return
         package = str(Path(mip_rt.__file__).parents[1])
         paths = os.pathsep.join(filter(None, (package, os.environ.get("PYTHONPATH"))))
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "mip_rt.log.recorder", str(self._ring.path)],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env={**os.environ, "PYTHONPATH": paths}, start_new_session=True,
-        )  # fmt: skip
+        try:
+            self.process = subprocess.Popen(
+                [sys.executable, "-m", "mip_rt.log.recorder", str(self._ring.path)],
+                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, env={**os.environ, "PYTHONPATH": paths}, start_new_session=True,
+            )  # fmt: skip
+        except OSError:  # too little memory: recording is not needed to balance
+            self.died = True
 
     def look(self) -> None:
         """Notices whether the process is gone; one system call."""
-        if self._process is not None and not self.died:
-            self.died = self._process.poll() is not None
+        if self.process is not None and not self.died:
+            self.died = self.process.poll() is not None
 
     def wait_where_time_is_virtual(self) -> None:
         """Lets a recorder that is half a ring behind catch up; not for long where it makes no progress."""
         ring = self._ring
-        if self._process is None or ring.committed() - ring.needed() < ring.capacity // 2 or not self._patient:
+        if self.process is None or ring.committed() - ring.needed() < ring.capacity // 2 or not self._patient:
             return
         needed, since = ring.needed(), time.monotonic()
         while ring.committed() - ring.needed() >= ring.capacity // 4 and not self.died:
@@ -88,23 +95,23 @@ class RecorderProcess:
 
     def finish(self) -> None:
         """After the ring was closed: waits for the rest to be on disk, but not forever."""
-        if self._process is None:
+        if self.process is None:
             return
         self.look()
         if self.died:
             return
         try:
-            self._process.wait(FINISH_S)
+            self.process.wait(FINISH_S)
         except subprocess.TimeoutExpired:
             pass
-        self.died = not self._ring.recorder_status()["done"] and self._process.poll() is not None
+        self.died = not self._ring.recorder_status()["done"] and self.process.poll() is not None
 
     def trouble(self) -> str:
         """What the status line should say; empty where all is well."""
-        if self._process is None:
-            return ""
         if self.died:
             return "the recorder died"
+        if self.process is None:
+            return ""
         status = self._ring.recorder_status()
         words = []
         if status["heartbeat_ns"] and time.monotonic_ns() - status["heartbeat_ns"] > STALLED_S * 1e9:

@@ -132,8 +132,10 @@ def _number(value):
 
 def _report(rerun, comparison, asserted: bool, seconds: float, columns: bool) -> dict:
     frames, spans = rerun.log.frames, rerun.spans
+    units = {f.name: f.unit for f in rerun.layout.fields}
     fields = {
         name: {
+            "unit": units[name],
             "ticks": comparison.columns[name].ticks,
             "largest_difference": _number(float(comparison.columns[name].largest.max())),
             "relative": _number(comparison.relative(name)),
@@ -239,6 +241,7 @@ def _differences(report: dict):
         return
     for name in list(fields)[:LISTED]:
         f = fields[name]
-        yield f"  {name:<26} {f['ticks']:>8} ticks  largest difference {float(f['largest_difference']):.3g}, relative {float(f['relative']):.1e}"
+        size = f"largest difference {float(f['largest_difference']):.3g}, relative {float(f['relative']):.1e}"
+        yield f"  {name:<26} {f['ticks']:>8} ticks" + ("" if f["unit"] == "bits" else f"  {size}")
     if len(fields) > LISTED:
         yield f"  and {len(fields) - LISTED} more fields: --json names all"

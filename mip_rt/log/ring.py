@@ -19,6 +19,7 @@ from mip_rt.log import ring_format
 from mip_rt.log.description import header  # noqa: F401  (whoever makes a ring needs it)
 from mip_rt.log.ring_format import SEAL, STATE_MARK, Counter, Status
 
+SEQUENCE = struct.Struct("<q")
 STATE_EVERY = 200  # rows from one kept state to the next
 
 
@@ -67,7 +68,7 @@ class Ring:
         rows_end = geometry.rows_at + rows * dtype.itemsize
         self.buffer = memoryview(self._map)[geometry.rows_at : rows_end]
         self.rows = np.frombuffer(self._map, dtype, rows, geometry.rows_at)
-        self._sequence = self.rows["sequence"]
+        self._counter_at = geometry.counters_at
         self._counter = np.frombuffer(self._map, "<i8", len(Counter), geometry.counters_at)
         self._status = np.frombuffer(self._map, "<i8", len(Status), geometry.status_at)
         self._counter[Counter.WRITER] = os.getpid()
@@ -77,12 +78,12 @@ class Ring:
 
     def begin(self, index: int) -> None:
         """Marks a row as being written."""
-        self._sequence[index] = 0
+        SEQUENCE.pack_into(self.buffer, index * self.row_bytes, 0)
 
     def commit(self, index: int, tick: int) -> None:
         """Makes a row visible to readers."""
-        self._sequence[index] = tick + 1
-        self._counter[0] = tick + 1
+        SEQUENCE.pack_into(self.buffer, index * self.row_bytes, tick + 1)
+        SEQUENCE.pack_into(self._map, self._counter_at, tick + 1)
 
     def keep_state(self, tick: int, parts) -> None:
         """Keeps the state as it is after tick `tick` was stepped, over the oldest one. Copies, and allocates nothing that stays.
@@ -137,9 +138,9 @@ class Ring:
     def _seal(self) -> None:
         """Stores a checksum of every row and kept state, so that a reader of the finished file notices a flipped bit."""
         geometry, view = self.geometry, memoryview(self._map)
-        for index in np.flatnonzero(self._sequence).tolist():
+        for index in np.flatnonzero(self.rows["sequence"]).tolist():
             row = self.buffer[index * self.row_bytes : (index + 1) * self.row_bytes]
-            self._store_seal(index, int(self._sequence[index]), zlib.crc32(row))
+            self._store_seal(index, int(self.rows["sequence"][index]), zlib.crc32(row))
         for slot in range(geometry.state_rows):
             at = geometry.states_at + slot * geometry.slot_bytes
             sequence = STATE_MARK.unpack_from(self._map, at)[0]

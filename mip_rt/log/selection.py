@@ -7,7 +7,8 @@ from mip_rt.errors import LogError
 
 def add_log(parser) -> None:
     """Declares the log's argument."""
-    parser.add_argument("path", nargs="?", metavar="LOG", help="ring, recorded file, or folder of a run or of runs (default: the newest log of this machine)")
+    parser.add_argument("path", nargs="?", metavar="LOG",
+                        help="ring, recorded file, or folder of a run or of runs (default: the newest log of this machine)")  # fmt: skip
 
 
 def add_window(parser) -> None:

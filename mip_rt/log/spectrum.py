@@ -30,7 +30,8 @@ def add_arguments(parser) -> None:
     add_window(parser)
     parser.add_argument("--fields", metavar="A,B[0]", help=f"fields; {SPEED} is the estimator's ball speed (default: {DEFAULT})")
     parser.add_argument("--all", action="store_true", help="all rows of the window, not only those in which the robot balances")
-    parser.add_argument("--segment", metavar="S", type=float, default=SEGMENT_S, help=f"longest segment: longer tells lines better apart (default: {SEGMENT_S:g})")
+    parser.add_argument("--segment", metavar="S", type=float, default=SEGMENT_S,
+                        help=f"longest segment: longer tells lines better apart (default: {SEGMENT_S:g})")  # fmt: skip
     parser.add_argument("-o", "--output", metavar="FILE", help="plot it as well: ends in .png")
     parser.add_argument("--json", action="store_true", help="print one JSON object")
 
@@ -49,7 +50,8 @@ def run(arguments) -> int:
     if output is not None:
         draw(found, f"{log.path.name}: {found['span_s']:.1f} s", output)
     if arguments.json:
-        print(json.dumps({**found, "fields": {name: {k: v for k, v in e.items() if k not in ("hz", "density")} for name, e in found["fields"].items()}}))
+        fields = {name: {key: e[key] for key in ("unit", "rms", "lines")} for name, e in found["fields"].items()}
+        print(json.dumps({**found, "fields": fields}))
     else:
         print(render(found))
         if output is not None:
@@ -184,7 +186,8 @@ def strongest(hz, density, segments: int) -> list[dict]:
         centre = float((hz[near] * density[near]).sum() / density[near].sum())
         above_db = 10.0 * math.log10(density[peak] / floor[peak]) if floor[peak] > 0.0 else math.inf
         found.append({
-            "hz": round(centre, 3), "rad_s": round(2.0 * math.pi * centre, 2), "amplitude": math.sqrt(2.0 * power), "above_floor_db": round(min(above_db, 999.0), 1),
+            "hz": round(centre, 3), "rad_s": round(2.0 * math.pi * centre, 2), "amplitude": math.sqrt(2.0 * power),
+            "above_floor_db": round(min(above_db, 999.0), 1),
         })  # fmt: skip
     return found
 
@@ -238,6 +241,7 @@ def draw(found: dict, heading: str, output) -> None:
     from mip_rt.log.page import BLUE, ORANGE
     from mip_rt.log.picture import figure, save
 
+    ticker = optional.load("matplotlib.ticker", "lab", "a PNG")
     count = len(found["fields"])
     height_in = 1.3 + 2.6 * count
     sheet = figure(11.0, height_in)
@@ -253,7 +257,9 @@ def draw(found: dict, heading: str, output) -> None:
             panel.axvspan(low, high, color=ORANGE, alpha=0.2, linewidth=0)
             panel.axvline(middle, color=ORANGE, linewidth=1.2, linestyle=(0, (4, 2)))
         panel.margins(x=0.0, y=0.15)
+        panel.xaxis.set_major_locator(ticker.LogLocator(subs=(1.0, 2.0, 5.0)))
         panel.xaxis.set_major_formatter("{x:g}")
+        panel.yaxis.set_minor_formatter(ticker.NullFormatter())
         panel.grid(which="major", color="#D8D8D8", linewidth=0.6)
         panel.grid(which="minor", axis="x", color="#EEEEEE", linewidth=0.5)
         panel.tick_params(labelsize=8)

@@ -116,7 +116,7 @@ def _json(value):
 
 def _usual(rows, time_s: float, codes) -> dict:
     """What one wants to know at a glance, of fields that every robot has."""
-    from mip_rt.log.events import limits
+    from mip_rt.log.events import bits, limits
 
     row = rows[-1]
     return {
@@ -132,6 +132,7 @@ def _usual(rows, time_s: float, codes) -> dict:
         "slowest_us": round(int((rows["write_ns"] - rows["edge_ns"]).max()) / 1000.0, 1),
         "missed": int(rows["missed"].sum()),
         "limits": list(limits(rows, codes)),
+        "alarms": list(bits(rows, "alarms", codes)),
     }
 
 
@@ -148,4 +149,5 @@ def _usual_text(u: dict) -> str:
     )
     text += f"  {u['missed']} missed" if u["missed"] else ""
     text += f"  fault {u['fault']}" if u["fault"] != "none" else ""
+    text += f"  alarms: {', '.join(u['alarms'])}" if u["alarms"] else ""
     return text + (f"  limits: {', '.join(u['limits'])}" if u["limits"] else "")

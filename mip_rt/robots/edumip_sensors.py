@@ -1,4 +1,7 @@
-"""The eduMIP's sensors in SI units: those of `robots.sensors`, the board's mounting angle, and what two encoders say of place and heading."""
+"""The eduMIP's sensors in SI units: those of `robots.sensors`, the board's mounting angle, and what two encoders say of place and heading.
+
+The quaternion in the frame stays the board's, as the DMP gives it; `attitude_rad` is the body's.
+"""
 
 import math
 

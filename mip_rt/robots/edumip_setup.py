@@ -23,6 +23,7 @@ ESTIMATORS = {
     "dmp": (robot.KIND_DMP, 1, None),
     "dmp_ekf": (robot.KIND_EKF, 1, None),
 }
+FRAME = robot.FRAME
 CONTROLLERS = {"lqr": robot.LQR, "successive_loop": robot.SUCCESSIVE_LOOP, "pid": robot.PID}
 NOISE_STEP_S = 0.005  # the step that the configuration's process noise stands for
 
@@ -120,11 +121,10 @@ def build(config, shadows=None) -> Robot:
     p.sensors.rolling_radius_m = config.model.wheel_radius_m
     p.sensors.lever_m[:] = imu_position(config) + np.array([0.0, 0.0, config.model.com_height_m])
     sensors.configure_attitude(p.attitude, config, dt_s)
+    health.configure(p.health, config, dt_s, (p.sensors.radius_by_track, -p.sensors.radius_by_track))
+    p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
     _configure_control(p, config, model[0], dt_s)
     _configure_drive(p.drive, config)
-    p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
-    ratio = p.sensors.radius_by_track
-    health.configure(p.health, config, dt_s, (ratio, -ratio))
     state = np.zeros(1, robot.STATE).view(np.recarray)
     state[0].battery_v = p.nominal_voltage_v
     states = np.zeros(len(names), robot.ESTIMATOR_STATE).view(np.recarray)

@@ -23,6 +23,7 @@ ESTIMATORS = {
     "dmp_kf": (robot.KIND_KF, 1, None, True),
 }
 CONTROLLER = "state_feedback"
+FRAME = robot.FRAME
 
 
 def model_parameters(config):

@@ -25,6 +25,7 @@ class Robot:
     Attributes:
         gyro_bias_rad_s: the gyro's rates at rest, body axes; an input of every tick.
         parameters, state, estimator_parameters, estimator_states: the step's arrays.
+        rows: the ring's rows, as the compiled functions want them.
         command_in_force: command that the estimators are told at the next tick; a view into the state.
         persistence: what the next tick reads of this one: see robots.persistence.
     """
@@ -38,23 +39,23 @@ class Robot:
         self.command_in_force = np.asarray(self.state["applied"])[0]
         self.persistence = Persistence(self.state, self.estimator_states, state_kept, kept, estimate)
         self.gyro_bias_rad_s = (0.0, 0.0, 0.0)
-        self._rows = None
+        self.rows = None
 
     def attach(self, rows) -> None:
         """Uses this ring's rows."""
-        self._rows = rows.view(np.recarray) if JIT_DISABLED else rows  # plain Python needs fields as attributes
+        self.rows = rows.view(np.recarray) if JIT_DISABLED else rows  # plain Python needs fields as attributes
 
     def rehearse(self) -> None:
         """Runs the step once in each of its ways and forgets it: the first real tick then meets no cold page and no cold dispatcher."""
-        saved = self.state.copy(), self.estimator_states.copy(), self._rows[:1].copy()
+        saved = self.state.copy(), self.estimator_states.copy(), self.rows[:1].copy()
         for request in (0, frame.REQUEST_ENGAGED, frame.REQUEST_ENGAGED):
-            self._rows[0]["request"] = request
+            self.rows[0]["request"] = request
             self.step(0)
-        self.state[:], self.estimator_states[:], self._rows[:1] = saved
+        self.state[:], self.estimator_states[:], self.rows[:1] = saved
 
     def step(self, index: int) -> None:
         """Runs the compiled step on row `index`."""
-        self._step(*self._arguments, self._rows, index)
+        self._step(*self._arguments, self.rows, index)
 
 
 def orthonormal(matrix) -> np.ndarray:

@@ -205,5 +205,5 @@ def test_no_duty_leaves_the_supervisor_outside_balancing(state):
     supervisor.state = state
     supervisor.refusals = CHECKS["battery_low"].bit
     for tick in range(3):
-        assert supervisor.apply(tick, IMU_OK, 0, 0, True, (1000, 1000, 1000)) is False
+        assert supervisor.apply(tick, IMU_OK, 0, 0, True, 0) is False
     assert motors.written == [] and not motors.enabled

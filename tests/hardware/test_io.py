@@ -6,6 +6,7 @@ import os
 from types import SimpleNamespace
 
 import pytest
+from board import PERIOD, DirectEnable, Kernel, started_motors, write
 
 from mip_rt.errors import EncoderError, GpioError, HardwareError, MotorError, RemoteError
 from mip_rt.fake.gpio import FakeGpio
@@ -19,22 +20,6 @@ from mip_rt.hardware.motors import Motors
 from mip_rt.hardware.serial_port import SerialPort
 
 pytestmark = pytest.mark.armhf
-PERIOD = 50000
-
-
-class Kernel:
-    """The fakes as a kernel without a world."""
-
-    def __init__(self, root, abi=2, **tree):
-        self.root = root
-        self.sysfs, self.gpio = FakeSysfs(root, BOARDS["beaglebone-black-cape"], **tree), FakeGpio(root, abi)
-        self.ioctl = self.gpio.ioctl
-
-    def path(self, *parts):
-        return self.root.joinpath(*parts)
-
-    def sleep(self, seconds):
-        self.sysfs.service()
 
 
 @pytest.fixture(params=itertools.product((1, 2), ("counter", "tieqep"), ("pwmchipK/pwmN", "pwm-K:N")), ids=str)
@@ -46,25 +31,6 @@ def kernel(request, tmp_path):
 @pytest.fixture
 def newest(tmp_path):
     return Kernel(tmp_path)
-
-
-class DirectEnable:
-    """The enable line without a guard; what the guard does has tests of its own."""
-
-    beat = None
-
-    def __init__(self, kernel):
-        self.lines = OutputLines(kernel, GPIO[0], (20,), 0, "test")
-
-    def set(self, on):
-        self.lines.set(int(on), 1)
-
-
-def started_motors(kernel, name="beaglebone-black-cape"):
-    motors = Motors(kernel, BOARDS[name], (1, 3, 4), PERIOD, DirectEnable(kernel))
-    motors.start()
-    kernel.sysfs.service()
-    return motors
 
 
 def seen(kernel, channel=1):
@@ -119,13 +85,13 @@ def test_motors_start_off(kernel):
 def test_motors_drive_forward_backward_and_stop(tmp_path, name):
     kernel = Kernel(tmp_path)
     motors = started_motors(kernel, name)
-    assert motors.enable() and motors.write((12345, -777, 0))
+    assert motors.enable() and write(motors, 12345, -777, 0)
     pins = [BOARDS[name].motors[channel] for channel in (1, 3, 4)]
     found = [
         (kernel.sysfs.duty_ns(*pin.pwm), *(kernel.gpio.line_value(GPIO[b], o) for b, o in (pin.a, pin.b))) for pin in pins
     ]
     assert found == [(12345, 1, 0), (777, 0, 1), (0, 0, 0)]
-    assert motors.write((5, -7, PERIOD * 2))  # shorter numbers over longer ones, and a clipped one
+    assert write(motors, 5, -7, PERIOD * 2)  # shorter numbers over longer ones, and a clipped one
     assert [kernel.sysfs.duty_ns(*pin.pwm) for pin in pins] == [5, 7, PERIOD]
     motors.off()
     assert [kernel.sysfs.duty_ns(*pin.pwm) for pin in pins] == [0, 0, 0] and kernel.gpio.line_value(GPIO[0], 20) == 0
@@ -136,7 +102,7 @@ def test_motors_drive_forward_backward_and_stop(tmp_path, name):
 def test_reversal_takes_the_pulse_away_first(newest):
     motors = started_motors(newest)
     motors.enable()
-    motors.write((40000, 0, 0))
+    write(motors, 40000, 0, 0)
     order = []
     whole = newest.gpio.ioctl
 
@@ -145,27 +111,26 @@ def test_reversal_takes_the_pulse_away_first(newest):
         return whole(fd, request, argument, mutate)
 
     newest.ioctl = watch
-    motors.write((-40000, 0, 0))
+    write(motors, -40000, 0, 0)
     assert order and set(order) == {0} and seen(newest) == (40000, 0, 1, 1)
 
 
-def test_equal_duties_are_not_written_again(newest, monkeypatch):
+def test_equal_duties_are_not_written_again(newest):
     motors = started_motors(newest)
     motors.enable()
-    motors.write((100, 200, 300))
-    calls = []
-    monkeypatch.setattr(os, "pwrite", lambda *arguments: calls.append(arguments))
-    motors.write((100, 200, 300))
-    assert calls == []
-    motors.write((100, 201, 300))
-    assert [call[1] for call in calls] == [b"201\n"]
+    write(motors, 100, 200, 300)
+    files = [channel.folder / "duty_cycle" for channel in motors._pwm]
+    for file in files:
+        file.write_text("untouched\n")
+    write(motors, 100, 201, 300)
+    assert [file.read_text()[:9] for file in files] == ["untouched", "201\nuched", "untouched"]
 
 
 def test_off_does_every_part_whatever_fails(newest):
     motors = started_motors(newest)
     motors.enable()
-    motors.write((100, 200, 300))
-    os.close(motors._pwm[0]._fd)
+    write(motors, 100, 200, 300)
+    os.close(motors._pwm[0].fd)
     motors.off()
     assert motors.errors == 1 and seen(newest, 3)[0] == 0 and seen(newest, 4)[0] == 0 and seen(newest)[3] == 0
     motors._pwm[0]._fd = -1

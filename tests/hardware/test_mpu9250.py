@@ -78,6 +78,17 @@ def test_bring_up_writes_image_rate_ranges_and_starts_the_dmp(started):
     assert push(clock, packet(1)) == [True] and len(chip.fifo) == 32
 
 
+def test_at_100_hz_every_second_sample_brings_packet_and_interrupt(tmp_path):
+    """Without the divider the loop would run twice as fast as its controller was designed for."""
+    clock = Clock()
+    Mpu9250(clock, settings(tmp_path), 100.0).start()
+    assert clock.chip.memory[534:536] == b"\x00\x01"
+    edges = push(clock, *(packet(k) for k in range(6)))
+    assert sorted(edges) == [False] * 3 + [True] * 3 and len(clock.chip.fifo) == 3 * 32
+    clock.chip.memory[2224] = 0x00  # tap detection off: an interrupt with every sample, packets still at 100 Hz
+    assert push(clock, packet(6), packet(7)) == [True, True] and len(clock.chip.fifo) == 4 * 32
+
+
 def test_automatic_gyro_calibration_is_switched_off(started):
     assert started[0].chip.memory[1208:1212] == b"\xb8\xaa\xaa\xaa"
 

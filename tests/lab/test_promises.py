@@ -4,11 +4,12 @@ import copy
 
 import numpy as np
 import pytest
+from helpers import make_config
 
 from mip_rt.config.scenario import Event, Scenario
 from mip_rt.lab import soak_run
 from mip_rt.lab.promises import broken
-from mip_rt.supervisor import State, Supervisor
+from mip_rt.supervisor import State
 
 CONFIG = soak_run.configured({})
 EVENTS = [Event(2.0, press="arm"), Event(4.0, 0.5, [0.1, 0.0]), Event(6.0, fault="imu_silent", parameters={"for_s": 0.3}),
@@ -106,11 +107,21 @@ def test_each_broken_promise_is_seen(run, damage, promise):
     assert promise in named(seen)
 
 
-def test_a_controller_that_ignores_silence_is_caught(monkeypatch):
-    """The whole way: a supervisor without the reaction breaks the promise in a real run, and cannot hide it in its own log."""
-    monkeypatch.setattr(Supervisor, "imu_silent", lambda self, tick: None)
-    result = soak_run.run(CONFIG, SCRIPT, 1, 12.0, True)
-    assert "imu lost" in [entry.promise for entry in result["broken"]]
+@pytest.mark.parametrize("slower, fault, promise", [
+    ({"limits.imu_silence_s": 0.09, "limits.guard_timeout_s": 0.1}, "imu_silent", "imu lost"),
+    ({"limits.tip_rad": 1.3}, "tipped_over", "tipped"),
+    ({"remote.timeout_s": 0.8}, "serial_silent", "remote silent"),
+    ({"limits.guard_timeout_s": 0.2}, "cpu_hung", "hung"),
+])  # fmt: skip
+def test_a_controller_that_reacts_late_is_caught(slower, fault, promise):
+    """The whole way: a robot that is set to react later than promised (no configuration file may say so) is judged by the promise."""
+    config = make_config(estimator__shadows="[]")
+    for key, value in slower.items():
+        section, name = key.split(".")
+        vars(getattr(config, section))[name] = value
+    events = [Event(2.0, press="arm"), Event(3.3, 0.5, [0.1, 0.0]), Event(5.0, fault=fault, parameters={})]
+    seen, _ = soak_run.observe(config, Scenario("late", "", 6.5, events), 1, 6.5)
+    assert promise in named(seen)
 
 
 def test_a_controller_that_raises_is_caught(monkeypatch):

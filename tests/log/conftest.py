@@ -9,20 +9,20 @@ from mip_rt.log.ring import Ring, header
 from mip_rt.robots.mbbr_frame import LAYOUT
 
 FALL = """
-description: the battery gives out while the robot drives and spins
+description: somebody pushes the robot over while it drives, and its battery gives out
 duration_s: 11
 events:
   - {at_s: 2.0, press: arm}
-  - {at_s: 4.0, yaw_rate_hz: 1.0}
   - {at_s: 5.0, speed_m_s: [0.2, 0.0]}
-  - {at_s: 7.0, set: {battery_v: 4.2, vibration_torque_n_m: 0.06}}
+  - {at_s: 7.0, fault: pushed, rate_rad_s: 2.5}
+  - {at_s: 7.1, set: {battery_v: 4.2}}
 """
 
 
 @pytest.fixture(scope="session")
 def fallen(tmp_path_factory):
     """Path of the ring of a run that ends in the fault `tipped`; the same at every call."""
-    with DryRun(tmp_path_factory.mktemp("fall"), make_config(log__ring_s="20"), scenarios.loads(FALL, "fall"), seed=1) as dry:
+    with DryRun(tmp_path_factory.mktemp("fall"), make_config(log__ring_s="20", limits__tip_rad="0.35"), scenarios.loads(FALL, "fall"), seed=1) as dry:
         summary = dry.run(11.0)
         assert summary["faults"] == ["tipped"], summary
         return dry.session.ring.path

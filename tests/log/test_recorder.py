@@ -313,11 +313,10 @@ def test_stopped_recorder_is_not_felt_and_its_drops_are_counted(tmp_path):
 
     class Watch:
         def update(self, session):
-            process = session.ring.recorder_status()["process"]
             if session.loop.ticks == 300:
-                os.kill(process, signal.SIGSTOP)
+                session.recorder.process.send_signal(signal.SIGSTOP)
             elif session.loop.ticks == 900:
-                os.kill(process, signal.SIGCONT)
+                session.recorder.process.send_signal(signal.SIGCONT)
             elif session.loop.ticks == 1000:
                 told.append(session.recorder.trouble())
 
@@ -339,8 +338,9 @@ def test_death_of_the_recorder_is_noticed_and_the_run_goes_on(tmp_path):
     class Kill:
         def update(self, session):
             if session.loop.ticks == 700:
-                os.kill(log_damage.wait_for(lambda: session.ring.recorder_status()["process"]), signal.SIGKILL)
-                session.recorder._process.wait()
+                log_damage.wait_for(lambda: session.ring.recorder_status()["process"])
+                session.recorder.process.kill()
+                session.recorder.process.wait()
             elif session.loop.ticks == 1001:
                 assert session.recorder.trouble() == "the recorder died"
 
