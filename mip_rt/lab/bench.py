@@ -109,11 +109,15 @@ def speed(quick: bool, robot: str = "mbbr") -> dict:
     begin = time.perf_counter()
     costs.steps(20 * count, robot)
     ekf_ns = (time.perf_counter() - begin) / (20 * count) * 1e9
+    costs.attitude_steps(1000)
+    begin = time.perf_counter()
+    costs.attitude_steps(20 * count)
+    attitude_ns = (time.perf_counter() - begin) / (20 * count) * 1e9
     tick_us = min(costs.ticks(count, robot) for _ in range(3)) / count * 1e6
     begin = time.perf_counter()
     duration = 20.0 if quick else 60.0
     dry_run({"estimator.shadows": "[]"}, "hold", 1, duration, robot)
-    return {"ekf_step_ns": ekf_ns, "tick_us": tick_us, "times_real_time": duration / (time.perf_counter() - begin)}
+    return {"ekf_step_ns": ekf_ns, "attitude_step_ns": attitude_ns, "tick_us": tick_us, "times_real_time": duration / (time.perf_counter() - begin)}
 
 
 def add_arguments(parser) -> None:
@@ -165,6 +169,6 @@ def run(arguments) -> int:
         if arguments.json:
             print(json.dumps(figures))
         else:
-            print(f"EKF step {figures['ekf_step_ns']:.0f} ns; whole tick without fakes {figures['tick_us']:.1f} us; "
+            print(f"EKF step {figures['ekf_step_ns']:.0f} ns; onboard attitude {figures['attitude_step_ns']:.0f} ns; whole tick without fakes {figures['tick_us']:.1f} us; "
                   f"dry run {figures['times_real_time']:.0f} times real time (start included)")  # fmt: skip
     return 0

@@ -19,8 +19,9 @@ from mip_rt.estimators import attitude, ekf
 
 IMU_USABLE = 1  # hardware.imu_status.IMU_OK
 DMP, ONBOARD = 0, 1  # where the attitude comes from
+ANEW_TICKS = 10  # after so many missing samples the onboard attitude starts anew
 WHEEL_VELOCITY_NOISE = 0.1  # m/s/sqrt(Hz), of the velocity that wheels show: slip, rollers, backlash
-COAST_TICKS = 3  # the attitude is carried on by the last body rates for so long, then it stays
+COAST_TICKS = 3  # the rates are believed, and the DMP's attitude is carried on by them, for so long; then it stays
 
 
 def parameter_fields(wheels: int) -> list:
@@ -198,8 +199,8 @@ def _known_velocity(p, s, q, rolling, y):
 def read_onboard(p, s, pa, sa, row, rolling, limits):
     """Fills quaternion and attitude of the row by the onboard filter, after `step`.
 
-    Interrupts that never became a tick and packets that are missing are made up for with the last rates, as in `read_imu`; after more of them
-    the filter starts anew, and with it the heading, as the DMP does. The wheels' velocity counts while the robot stands on the ground by itself.
+    Interrupts that never became a tick and packets that are missing are made up for with the last rates. After ANEW_TICKS of them (the motors
+    are off by then) the filter starts anew, and with it the heading, as the DMP does. The wheels' velocity counts while the robot balances.
 
     Args:
         pa: record of ATTITUDE_PARAMETERS.
@@ -221,7 +222,7 @@ def read_onboard(p, s, pa, sa, row, rolling, limits):
     if limits & frame.LIMIT_IMU_MISSING:
         lost += 1
     sa.gap = sa.gap + lost if lost > 0 else 0
-    if sa.gap > COAST_TICKS:
+    if sa.gap > ANEW_TICKS:
         f.started = 0
     elif f.started == 1:
         for _ in range(lost):
