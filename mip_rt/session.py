@@ -29,7 +29,7 @@ from mip_rt.supervisor import FAULT_BY_NUMBER, State, Supervisor
 
 ABSORB_EVERY = 64  # ticks between looks of the summary
 CHECK_EVERY = 20  # ticks between pre-arm checks
-RECOVER_AFTER_S = 1.0  # without a good packet while the motors are off: FIFO and DMP are reset, and again after as long
+RECOVER_AFTER_S = 1.0  # without a good packet while the motors are off: the IMU is reset, and again after as long
 BOOT_TIMEOUTS = 40  # silent waits in a row before a start is given up
 
 
@@ -220,7 +220,7 @@ class Session:
             self.supervisor.calibrated = True
 
     def _recover_imu(self) -> None:
-        """Resets FIFO and DMP of an IMU that has put the robot into FAULT or keeps it in BOOT, once a second."""
+        """Resets an IMU that has put the robot into FAULT or keeps it in BOOT, once a second."""
         now_ns = self.kernel.monotonic_ns()
         last_ns, self._imu_good_ns = self._imu_good_ns, self._imu_good_ns or now_ns
         if last_ns is None or self.supervisor.state not in (State.BOOT, State.FAULT) or now_ns - last_ns < RECOVER_AFTER_S * 1e9:
