@@ -9,7 +9,7 @@ import numpy as np
 
 from mip_rt.compiled import njit
 from mip_rt.estimators.complementary import accelerometer_tilt
-from mip_rt.robots import sensors
+from mip_rt.robots import onboard, sensors
 
 WHEELS = 2
 
@@ -32,11 +32,11 @@ def mounting(chip_to_board, mount_angle_rad: float) -> np.ndarray:
 
 @njit
 def step(p, s, pa, sa, row):
-    """Reads the row's raw sensors; pa, sa: see `sensors.read_onboard`; returns the bits of frame.LIMITS that apply."""
+    """Reads the row's raw sensors; pa, sa: see `onboard.step`; returns the bits of frame.LIMITS that apply."""
     limits = sensors.step(p, s, row)
     if p.source == sensors.ONBOARD:
         s.rolling_rad_s[0] = 0.5 * (row.wheel_rate_rad_s[0] + row.wheel_rate_rad_s[1]) + row.gyro_rad_s[0]
-        sensors.read_onboard(p, s, pa, sa, row, s.rolling_rad_s, limits)
+        onboard.step(p, s, pa, sa, row, s.rolling_rad_s, limits)
     else:
         # R = Rz Ry Rx(lean): a turn of the board about the axle only adds to the lean.
         row.attitude_rad[0] += p.mount_angle_rad

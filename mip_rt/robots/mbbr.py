@@ -13,7 +13,7 @@ from mip_rt import frame
 from mip_rt.compiled import njit, numba, record_array
 from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
 from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf, odometry
-from mip_rt.robots import health, mbbr_sensors, sensors
+from mip_rt.robots import health, mbbr_sensors, onboard, sensors
 from mip_rt.robots.mbbr_frame import FRAME
 
 KIND_EKF = 0
@@ -34,7 +34,7 @@ PARAMETERS = np.dtype(
         ("odometry", "i8"),  # 1: ball angle from encoders and gyro; 0: integral of the filter's ball rate
         ("battery_pole", "f8"),  # smooths the battery reading used for voltage scaling
         ("battery_hold_ticks", "i8"),  # so long the last good reading counts, then the nominal voltage
-        ("attitude", sensors.ATTITUDE_PARAMETERS),
+        ("attitude", onboard.PARAMETERS),
     ],
     align=True,
 )
@@ -54,11 +54,11 @@ STATE = np.dtype(
         ("battery_v", "f8"),
         ("battery_unknown", "i8"),  # ticks without a plausible reading
         ("engaged", "i8"),
-        ("attitude", sensors.ATTITUDE_STATE),  # last: its end is scratch
+        ("attitude", onboard.STATE),  # last: its end is scratch
     ],
     align=True,
 )
-PERSISTENT = STATE.itemsize - sensors.ATTITUDE_SCRATCH  # bytes of STATE that the next tick reads
+PERSISTENT = STATE.itemsize - onboard.SCRATCH  # bytes of STATE that the next tick reads
 ESTIMATOR_PARAMETERS = np.dtype(
     [
         ("kind", "i8"),

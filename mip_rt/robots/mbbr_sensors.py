@@ -3,7 +3,7 @@
 import numpy as np
 
 from mip_rt.compiled import njit
-from mip_rt.robots import sensors
+from mip_rt.robots import onboard, sensors
 
 WHEELS = 3
 
@@ -13,7 +13,7 @@ STATE = np.dtype([*sensors.state_fields(WHEELS), ("rolling_rad_s", "f8", (3,))],
 
 @njit
 def step(p, s, pa, sa, row):
-    """Reads the row's raw sensors; pa, sa: see `sensors.read_onboard`; returns the bits of frame.LIMITS that apply."""
+    """Reads the row's raw sensors; pa, sa: see `onboard.step`; returns the bits of frame.LIMITS that apply."""
     limits = sensors.step(p, s, row)
     for j in range(3):
         total = 0.0
@@ -26,5 +26,5 @@ def step(p, s, pa, sa, row):
             for i in range(3):
                 rate += p.body_from_wheel[j, i] * row.wheel_rate_rad_s[i]
             s.rolling_rad_s[j] = p.wheel_ratio * rate + row.gyro_rad_s[j]
-        sensors.read_onboard(p, s, pa, sa, row, s.rolling_rad_s, limits)
+        onboard.step(p, s, pa, sa, row, s.rolling_rad_s, limits)
     return limits

@@ -9,7 +9,7 @@ from mip_rt.errors import ConfigError
 from mip_rt.estimators import mbbr_ekf, mbbr_kf
 from mip_rt.models import mbbr, mbbr_linear, mbbr_yaw
 from mip_rt.robots import mbbr as robot
-from mip_rt.robots import health, mbbr_frame, sensors
+from mip_rt.robots import health, mbbr_frame, onboard, sensors
 from mip_rt.robots.mbbr_judge import Judge  # noqa: F401  (part of what a setup module offers)
 from mip_rt.robots.robot import BATTERY_HOLD_S, BATTERY_SMOOTHING_RAD_S, Robot, noise, orthonormal
 
@@ -87,7 +87,7 @@ def build(config, shadows=None) -> Robot:
     p.battery_pole = pole_from_rate(BATTERY_SMOOTHING_RAD_S, dt_s)
     p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
     _configure_sensors(p.sensors, config, dt_s)
-    sensors.configure_attitude(p.attitude, config, dt_s)
+    onboard.configure(p.attitude, config, dt_s)
     _configure_control(p, config, dt_s)
     state = np.zeros(1, robot.STATE).view(np.recarray)
     state[0].battery_v = p.nominal_voltage_v

@@ -4,8 +4,7 @@ The DMP's quaternion is already in body axes (its own orientation setting), acce
 mounting matrix turns them, and the sign of the accelerometer is changed to the papers' (R'([0, 0, -g] - p''), the negative of
 what the chip reports), here and nowhere else.
 
-With imu.attitude "onboard" the packet has no quaternion (zeros stand in its place): `read_onboard` computes it from the other words by
-`estimators.attitude`, with the velocity that the wheels show.
+With imu.attitude "onboard" the packet has no quaternion (zeros stand in its place): see `robots.onboard`.
 """
 
 import math
@@ -15,12 +14,9 @@ import numpy as np
 from mip_rt import frame
 from mip_rt.compiled import njit
 from mip_rt.controllers import filters
-from mip_rt.estimators import attitude, ekf
 
 IMU_USABLE = 1  # hardware.imu_status.IMU_OK
 DMP, ONBOARD = 0, 1  # where the attitude comes from
-ANEW_TICKS = 10  # after so many missing samples the onboard attitude starts anew
-WHEEL_VELOCITY_NOISE = 0.1  # m/s/sqrt(Hz), of the velocity that wheels show: slip, rollers, backlash
 COAST_TICKS = 3  # the rates are believed, and the DMP's attitude is carried on by them, for so long; then it stays
 
 
@@ -55,28 +51,6 @@ def state_fields(wheels: int) -> list:
     ]
 
 
-# What `read_onboard` works on: constants and state of the attitude filter, the last fields of a robot's records.
-ATTITUDE_PARAMETERS = np.dtype(
-    [
-        ("carried", attitude.PARAMETERS),  # in someone's hands: any velocity near zero
-        ("rolling", attitude.PARAMETERS),  # balancing: the velocity that the wheels show
-    ],
-    align=True,
-)
-ATTITUDE_STATE = np.dtype(
-    [
-        ("edge_ns", "i8"),  # interrupt of the newest sample, 0 before the first
-        ("gap", "i8"),  # samples in a row that are missing
-        ("gyro_bias_rad_s", "f8", (3,)),  # of the newest sample's row
-        ("rate", "f8", (3,)),
-        ("measured", "f8", (5,)),
-        ("filter", attitude.STATE),
-    ],
-    align=True,
-)
-ATTITUDE_SCRATCH = ATTITUDE_STATE.itemsize - ATTITUDE_STATE.fields["filter"][1] - attitude.PERSISTENT  # bytes at its end
-
-
 def configure(p, config, dt_s: float) -> None:
     """Fills the fields of `parameter_fields` from the imu, motor and encoders sections, but for what rolls and its lever."""
     motor = config.motor
@@ -87,12 +61,6 @@ def configure(p, config, dt_s: float) -> None:
     p.count_scale_rad[:] = [2.0 * math.pi * sign / config.encoders.counts_per_turn for sign in config.encoders.signs]
     p.source = ONBOARD if config.imu.attitude == "onboard" else DMP
     p.wheel_jump_rad = 2.0 * motor.nominal_voltage_v / motor.torque_constant_n_m_a * dt_s
-
-
-def configure_attitude(p, config, dt_s: float) -> None:
-    """Fills a record of ATTITUDE_PARAMETERS."""
-    attitude.configure(p.carried, dt_s, attitude.UNKNOWN_VELOCITY, config.imu.gyro_delay_s)
-    attitude.configure(p.rolling, dt_s, WHEEL_VELOCITY_NOISE, config.imu.gyro_delay_s)
 
 
 @njit
@@ -113,7 +81,7 @@ def _int32(packet, at):
 
 
 @njit
-def _show_attitude(s, w, x, y, z):
+def show_attitude(s, w, x, y, z):
     """Keeps a normalised quaternion and its angles."""
     s.quaternion[0] = w
     s.quaternion[1] = x
@@ -136,7 +104,7 @@ def _read_quaternion(s, packet):
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if not norm > 0.0:
         return False
-    _show_attitude(s, w / norm, x / norm, y / norm, z / norm)
+    show_attitude(s, w / norm, x / norm, y / norm, z / norm)
     return True
 
 
@@ -174,81 +142,6 @@ def read_imu(p, s, row):
         row.gyro_rad_s[i] = s.gyro_rad_s[i]
         row.acceleration_m_s2[i] = s.acceleration_m_s2[i]
     return fresh
-
-
-@njit
-def _known_velocity(p, s, q, rolling, y):
-    """Puts the velocity of the IMU into y[3:]: of the centre of what rolls, from its rates, and of the lever about it."""
-    w, i, j, k = q[0], q[1], q[2], q[3]
-    lever = p.lever_m
-    x0, x1, x2 = rolling[0], rolling[1], rolling[2]
-    c0 = s.gyro_rad_s[1] * lever[2] - s.gyro_rad_s[2] * lever[1]
-    c1 = s.gyro_rad_s[2] * lever[0] - s.gyro_rad_s[0] * lever[2]
-    c2 = s.gyro_rad_s[0] * lever[1] - s.gyro_rad_s[1] * lever[0]
-    a0 = 1.0 - 2.0 * (j * j + k * k)
-    a1 = 2.0 * (i * j - w * k)
-    a2 = 2.0 * (i * k + w * j)
-    b0 = 2.0 * (i * j + w * k)
-    b1 = 1.0 - 2.0 * (i * i + k * k)
-    b2 = 2.0 * (j * k - w * i)
-    y[3] = p.rolling_radius_m * (b0 * x0 + b1 * x1 + b2 * x2) + a0 * c0 + a1 * c1 + a2 * c2
-    y[4] = -p.rolling_radius_m * (a0 * x0 + a1 * x1 + a2 * x2) + b0 * c0 + b1 * c1 + b2 * c2
-
-
-@njit
-def read_onboard(p, s, pa, sa, row, rolling, limits):
-    """Fills quaternion and attitude of the row by the onboard filter, after `step`.
-
-    Interrupts that never became a tick and packets that are missing are made up for with the last rates. After ANEW_TICKS of them (the motors
-    are off by then) the filter starts anew, and with it the heading, as the DMP does. The wheels' velocity counts while the robot balances.
-
-    Args:
-        pa: record of ATTITUDE_PARAMETERS.
-        sa: record of ATTITUDE_STATE.
-        rolling: (3,) rates of what rolls on the ground, rad/s, body axes.
-        limits: what `step` returned.
-    """
-    f = sa.filter
-    y = sa.measured
-    carried = pa.carried
-    calibrated = False
-    for i in range(3):
-        calibrated = calibrated or row.gyro_bias_rad_s[i] != sa.gyro_bias_rad_s[i]
-        sa.gyro_bias_rad_s[i] = row.gyro_bias_rad_s[i]
-    if calibrated and f.started == 1:
-        attitude.forget_bias(f)
-    lost = int(math.floor((row.edge_ns - sa.edge_ns) * 1e-9 * p.rate_hz + 0.5)) - 1 if sa.edge_ns > 0 else 0
-    sa.edge_ns = row.edge_ns
-    if limits & frame.LIMIT_IMU_MISSING:
-        lost += 1
-    sa.gap = sa.gap + lost if lost > 0 else 0
-    if sa.gap > ANEW_TICKS:
-        f.started = 0
-    elif f.started == 1:
-        for _ in range(lost):
-            attitude.step(carried, f, sa.rate, y, 0)
-    if not limits & frame.LIMIT_IMU_MISSING:
-        for i in range(3):
-            sa.rate[i] = s.gyro_rad_s[i]
-            y[i] = -s.acceleration_m_s2[i]
-        valid = attitude.GYRO_VALID | attitude.ACCELEROMETER_VALID
-        if not row.request & frame.REQUEST_ENGAGED:
-            y[3] = 0.0
-            y[4] = 0.0
-            attitude.step(carried, f, sa.rate, y, attitude.ALL_VALID)
-        else:
-            if not limits & frame.LIMIT_ENCODER_JUMP:
-                valid |= attitude.VELOCITY_VALID
-                _known_velocity(p, s, f.quaternion, rolling, y)
-            attitude.step(pa.rolling, f, sa.rate, y, valid)
-        if f.filter.status & ekf.UNHEALTHY:
-            f.started = 0
-    if f.started == 1:
-        _show_attitude(s, f.quaternion[0], f.quaternion[1], f.quaternion[2], f.quaternion[3])
-    for i in range(4):
-        row.quaternion[i] = s.quaternion[i]
-    for i in range(3):
-        row.attitude_rad[i] = s.attitude_rad[i]
 
 
 @njit
