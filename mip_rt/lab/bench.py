@@ -122,10 +122,10 @@ def speed(quick: bool, robot: str = "mbbr") -> dict:
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "broad"),
+    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "attitude", "broad"),
                         help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; cost of the log in the "
                         "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang; "
-                        "false alarms in ordinary driving; onboard attitude on recordings with motion capture")  # fmt: skip
+                        "false alarms in ordinary driving; tilt error with the DMP and without; onboard attitude on recordings with motion capture")  # fmt: skip
     parser.add_argument("--data", metavar="FOLDER", help="broad: folder of the recordings")
     parser.add_argument("--hours", metavar="N", type=float, default=1.0, help="alarms: simulated hours of driving")
     parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr", help="whose costs `steps` measures")
@@ -135,8 +135,8 @@ def add_arguments(parser) -> None:
 
 
 def run(arguments) -> int:
-    """Exit code 1 where a robustness draw fell, a log lost more than it may, the enable line fell too late, or ordinary driving raised an alarm, or the
-    onboard attitude is worse than VQF."""
+    """Exit code 1 where a robustness draw fell, a log lost more than it may, the enable line fell too late, ordinary driving raised an alarm, or
+    the onboard attitude is worse than the DMP's or VQF's may be."""
     if arguments.what == "estimators":
         table = estimators(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(table)) if arguments.json else print_estimators(table)
@@ -150,6 +150,12 @@ def run(arguments) -> int:
         found = alarms.run(arguments.hours, arguments.cluster, arguments.workers)
         print(json.dumps(found)) if arguments.json else alarms.print_table(found)
         return int(any(result["faults"] or any(result["graded"].values()) for result in found))
+    elif arguments.what == "attitude":
+        from mip_rt.lab import attitude_sources
+
+        found = attitude_sources.run(dry_run, arguments.quick, progress)
+        print(json.dumps(found) if arguments.json else attitude_sources.render(found))
+        return int(not attitude_sources.passed(found))
     elif arguments.what == "broad":
         from mip_rt.lab import broad
 
@@ -169,6 +175,7 @@ def run(arguments) -> int:
         if arguments.json:
             print(json.dumps(figures))
         else:
-            print(f"EKF step {figures['ekf_step_ns']:.0f} ns; onboard attitude {figures['attitude_step_ns']:.0f} ns; whole tick without fakes {figures['tick_us']:.1f} us; "
+            print(f"EKF step {figures['ekf_step_ns']:.0f} ns; onboard attitude {figures['attitude_step_ns']:.0f} ns; "
+                  f"whole tick without fakes {figures['tick_us']:.1f} us; "
                   f"dry run {figures['times_real_time']:.0f} times real time (start included)")  # fmt: skip
     return 0
