@@ -16,7 +16,6 @@ import numpy as np
 from mip_rt import frame, realtime, robots, self_test
 from mip_rt.calibration import GyroCalibration, load_unit_file
 from mip_rt.errors import MipRtError
-from mip_rt.hardware import compiled_io
 from mip_rt.hardware.devices import open_devices
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
@@ -89,7 +88,6 @@ class Session:
         self.ring = Ring(Path(log_folder) / f"{name}.ring", layout.dtype, rows, description, persistence.size)
         self.recorder = recorder_process.RecorderProcess(self.ring, recording)
         self.robot.attach(self.ring.rows)
-        compiled_io.compile_for(layout.dtype)
         self.robot.rehearse()
         image = (bench.image_path, bench.image_sha256) if bench else None
         self.guard = bench.guard if bench else guard

@@ -11,7 +11,7 @@ import os
 
 import numpy as np
 
-from mip_rt.compiled import JIT_DISABLED, njit, numba, record_array
+from mip_rt.compiled import JIT_DISABLED, direct, njit, numba, record_array
 
 MOST = 4  # encoders or motors
 TEXT = 24  # bytes of an attribute: a 64-bit number and its newline
@@ -52,11 +52,12 @@ def records(dtype, number: int):
     return made.view(np.recarray) if JIT_DISABLED else made
 
 
-def compile_for(frame_dtype) -> None:
-    """Compiles everything here for the rows of one robot, so that nothing compiles in the first tick."""
-    if not JIT_DISABLED:
-        for function, dtype in ((read_counters, COUNTERS), (write_pulses, PULSES)):
-            function.compile((record_array(dtype), record_array(frame_dtype), numba.int64))
+def compile_for(frame_dtype) -> tuple:
+    """(read_counters, write_pulses) for the rows of one robot, compiled, so that nothing compiles in the first tick."""
+    rows = record_array(frame_dtype)
+    return tuple(
+        direct(function, record_array(dtype), rows, numba.int64) for function, dtype in ((read_counters, COUNTERS), (write_pulses, PULSES))
+    )
 
 
 if JIT_DISABLED:
