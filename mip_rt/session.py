@@ -15,6 +15,7 @@ import numpy as np
 from mip_rt import frame, realtime, robots, self_test
 from mip_rt.calibration import GyroCalibration, load_unit_file
 from mip_rt.errors import MipRtError
+from mip_rt.hardware.compiled_io import compile_for
 from mip_rt.hardware.devices import open_devices
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
@@ -88,6 +89,9 @@ class Session:
         self.recorder = recorder_process.RecorderProcess(self.ring, recording)
         self.robot.attach(self.ring.rows)
         self.robot.rehearse()
+        compile_for(layout.dtype)
+        if bench:
+            bench.kernel.power_on()
         image = (bench.image_path, bench.image_sha256) if bench else None
         self.guard = bench.guard if bench else guard
         self.devices = open_devices(self.kernel, config, self.guard, remote_device, image)
