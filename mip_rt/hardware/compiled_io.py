@@ -145,15 +145,16 @@ def read_counters(counters, rows, index):
 def _write(p, i, pulse):
     if pulse == p.written_ns[i]:
         return True
+    rest = np.uint32(pulse)  # 32 bits: dividing 64 by ten is a call on 32-bit ARM
     digits = 1
-    power = np.int64(10)
-    while pulse >= power:
-        power *= 10
+    power = np.uint32(10)
+    while digits < 10 and rest >= power:
+        power = np.uint32(power * np.uint32(10))
         digits += 1
-    rest = pulse
     for k in range(digits - 1, -1, -1):
-        p.text[k] = 48 + rest % 10
-        rest //= 10
+        tenth = np.uint32(rest // np.uint32(10))
+        p.text[k] = 48 + (rest - tenth * np.uint32(10))
+        rest = tenth
     p.text[digits] = 10
     if _pwrite(p.fd[i], p.text, digits + 1) != digits + 1:
         p.written_ns[i] = -1
