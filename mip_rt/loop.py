@@ -8,7 +8,7 @@ import struct
 from functools import partial
 
 from mip_rt import frame
-from mip_rt.hardware.compiled_io import compile_for
+from mip_rt.hardware.compiled_io import reader_for
 from mip_rt.hardware.imu_status import IMU_NO_DATA
 from mip_rt.log.ring import STATE_EVERY
 from mip_rt.supervisor import State
@@ -43,7 +43,7 @@ class Loop:
         layout = robot.layout
         self._inputs, self._found, self._results, self._at = layout.inputs, layout.found, layout.results, layout.offset
         self._pulses, self._no_pulses = layout.pulses, (0,) * layout.wheels
-        self._read_counters = partial(compile_for(layout.dtype)[0], devices.counters, robot.rows)
+        self._read_counters = partial(reader_for(layout.dtype), devices.counters, robot.rows)
         self._persistent = robot.persistence.parts
 
     def tick(self) -> bool:

@@ -52,12 +52,20 @@ def records(dtype, number: int):
     return made.view(np.recarray) if JIT_DISABLED else made
 
 
-def compile_for(frame_dtype) -> tuple:
-    """(read_counters, write_pulses) for the rows of one robot, compiled, so that nothing compiles in the first tick."""
-    rows = record_array(frame_dtype)
-    return tuple(
-        direct(function, record_array(dtype), rows, numba.int64) for function, dtype in ((read_counters, COUNTERS), (write_pulses, PULSES))
-    )
+def reader_for(frame_dtype):
+    """`read_counters` for the rows of one robot, compiled."""
+    return direct(read_counters, record_array(COUNTERS), record_array(frame_dtype), numba.int64)
+
+
+def writer_for(frame_dtype):
+    """`write_pulses` likewise."""
+    return direct(write_pulses, record_array(PULSES), record_array(frame_dtype), numba.int64)
+
+
+def compile_for(frame_dtype) -> None:
+    """Compiles both, so that nothing compiles in the first tick."""
+    reader_for(frame_dtype)
+    writer_for(frame_dtype)
 
 
 if JIT_DISABLED:

@@ -61,8 +61,7 @@ class Motors:
     def attach(self, rows) -> None:
         """Takes pulses from these rows of frames and notes there what was applied."""
         self._rows = rows
-        _, write_pulses = compiled_io.compile_for(rows.dtype)
-        self._write = partial(write_pulses, self._pulses, rows)
+        self._write = partial(compiled_io.writer_for(rows.dtype), self._pulses, rows)
 
     def enable(self) -> bool:
         """Wakes the drivers with duty 0; False where the kernel refuses."""
