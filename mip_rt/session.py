@@ -248,12 +248,14 @@ class Session:
         return "ready: press the arm button" if supervisor.state is State.DISARMED else "not armed: starting"
 
     def _rate_hz(self, tick: int) -> float:
-        """Interrupt rate over the last 200 ticks; the wanted rate before there are that many."""
+        """Interrupt rate over the last 200 ticks, with the interrupts that the loop was too late for; the wanted rate before there are so many."""
         rows, n = self.ring.rows, self.ring.capacity
         span = min(tick, 200, n - 1)
         if span < 50:
             return self.config.realtime.rate_hz
-        return span * 1e9 / float(rows["edge_ns"][tick % n] - rows["edge_ns"][(tick - span) % n])
+        last = np.arange(tick - span + 1, tick + 1) % n
+        interrupts = span + int(rows["missed"][last].sum())
+        return interrupts * 1e9 / float(rows["edge_ns"][tick % n] - rows["edge_ns"][(tick - span) % n])
 
     def _absorb(self, until: int) -> None:
         count = until - self._absorbed
