@@ -2,6 +2,7 @@
 
 import itertools
 import os
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -10,7 +11,7 @@ from helpers import DryRun, make_config
 
 from mip_rt.errors import ConfigError, GpioError, HardwareError, MotorError
 from mip_rt.fake.generations import GENERATIONS
-from mip_rt.hardware import boards
+from mip_rt.hardware import board_table, boards
 from mip_rt.hardware.boards import BOARDS, EHRPWM, GPIO
 from mip_rt.hardware.encoders import Encoder
 from mip_rt.hardware.leds import Leds
@@ -182,9 +183,9 @@ def test_an_output_that_the_board_does_not_have_is_named(tmp_path):
 )
 def test_a_wrong_table_is_refused_with_its_key(old, new, words):
     """Prevents a typing error in a table from becoming a pin."""
-    text = (boards.Path(boards.__file__).parents[2] / "config/boards/beaglebone-blue.yaml").read_text()
+    text = (Path(boards.__file__).parents[2] / "config/boards/beaglebone-blue.yaml").read_text()
     with pytest.raises(ConfigError, match=words) as caught:
-        boards.parse(text.replace(old, new, 1), "trial")
+        board_table.parse(text.replace(old, new, 1), "trial")
     assert caught.value.code == "board_table"
 
 
