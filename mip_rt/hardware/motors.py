@@ -2,7 +2,8 @@
 
 Truth tables. TB6612, and MC33926 with PWM on D2 (S1): A = 1, B = 0 one way; A = 0, B = 1 the other way; the pulse is the PWM's high time.
 MC33926 with PWM on IN1 and IN2 (S2): the PWM of the way it turns carries the pulse, the other is low. MC33926 with PWM on IN1 and a line on IN2
-(S3): line low, the pulse is the high time; line high, the pulse is the low time, so that rest is an IN1 that is always high.
+(S3): line low, the pulse is the high time; line high, the pulse is the low time, so that rest is an IN1 that is always high. Line and PWM cannot change
+at once: at a reversal the motor gets full voltage in its new direction for the time between two writes, never in the old one.
 In all of them the enable line (standby, EN) low switches the outputs off. The guard's process holds it (mip_rt/guard.py); the motors only
 ask for it.
 

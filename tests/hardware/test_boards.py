@@ -144,6 +144,28 @@ def test_switching_off_never_drives_even_while_the_enable_line_is_still_high(tmp
     assert [effect(kernel, name, n)[0] for n in (1, 2, 3)] == [0.0, 0.0, 0.0]
 
 
+@pytest.mark.parametrize("first", [30000, -30000])
+@pytest.mark.parametrize("name", list(BOARDS))
+def test_a_reversal_never_drives_the_old_way_while_the_lines_change(tmp_path, name, first):
+    """Prevents a kick in the wrong direction: between the two writes of a reversal the bridge rests or drives the new way."""
+    kernel = Kernel(tmp_path, name=name)
+    motors = started_motors(kernel, name, (1, 2, 3))
+    motors.enable()
+    write(motors, first, first, first)
+    seen, whole = [], kernel.gpio.ioctl
+
+    def watch(*arguments):
+        seen.append(effect(kernel, name, 1)[0])
+        answer = whole(*arguments)
+        seen.append(effect(kernel, name, 1)[0])
+        return answer
+
+    kernel.ioctl = watch
+    write(motors, -first, -first, -first)
+    assert all(drive * first <= 0 for drive in seen) and effect(kernel, name, 1)[0] * first < 0
+    assert len(seen) > 0 or BOARDS[name].bridge.scheme == "two-pwm"
+
+
 @pytest.mark.parametrize("name", MC33926)
 def test_a_driver_is_not_given_a_faster_pwm_than_it_takes(tmp_path, name):
     """Prevents 25 kHz on an MC33926, which takes 20 kHz."""
@@ -171,6 +193,8 @@ def test_an_output_that_the_board_does_not_have_is_named(tmp_path):
     [
         ("gpio3_21", "gpio4_1", "imu_interrupt: 'gpio4_1' is no line"),
         ("gpio3_21", "gpio2_5", "arm_button: the pin serves imu_interrupt already"),
+        ("line: gpio2_2", "line: gpio2_9", "leds: red: the pin serves motors: 3 already"),
+        ("line: gpio2_2", "line: gpio0_20", "leds: red: the pin serves enable already"),
         ("ehrpwm1A", "ehrpwm1C", "motors: 1: pwm: 'ehrpwm1C' is no PWM"),
         ("polarity: -1", "polarity: 2", "polarity is 1 or -1"),
         ("driver: tb6612", "driver: l298", "driver: 'l298' is none of"),
