@@ -42,7 +42,7 @@ class Generation:
     def device(self, address: str, kind: str) -> str:
         """Folder of the chip's device below the root."""
         if not self.interconnect:
-            if address[:5] == "48300" or address[:5] in ("48302", "48304"):
+            if address[:5] in ("48300", "48302", "48304"):
                 return f"{OCP}/{address[:-3]}000.epwmss/{address}.{kind}"
             return f"{OCP}/{address}.{kind}"
         bus = "44c00000" if address.startswith("44") else "48000000"
