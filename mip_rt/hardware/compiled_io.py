@@ -11,7 +11,7 @@ import os
 
 import numpy as np
 
-from mip_rt.compiled import JIT_DISABLED, njit, numba, record_array
+from mip_rt.compiled import JIT_DISABLED, direct, njit, numba, record_array
 
 MOST = 4  # encoders or motors
 TEXT = 24  # bytes of an attribute: a 64-bit number and its newline
@@ -54,11 +54,20 @@ def records(dtype, number: int):
     return made.view(np.recarray) if JIT_DISABLED else made
 
 
+def reader_for(frame_dtype):
+    """`read_counters` for the rows of one robot, compiled."""
+    return direct(read_counters, record_array(COUNTERS), record_array(frame_dtype), numba.int64)
+
+
+def writer_for(frame_dtype):
+    """`write_pulses` likewise."""
+    return direct(write_pulses, record_array(PULSES), record_array(frame_dtype), numba.int64)
+
+
 def compile_for(frame_dtype) -> None:
-    """Compiles everything here for the rows of one robot, so that nothing compiles in the first tick."""
-    if not JIT_DISABLED:
-        for function, dtype in ((read_counters, COUNTERS), (write_pulses, PULSES)):
-            function.compile((record_array(dtype), record_array(frame_dtype), numba.int64))
+    """Compiles both, so that nothing compiles in the first tick."""
+    reader_for(frame_dtype)
+    writer_for(frame_dtype)
 
 
 if JIT_DISABLED:
@@ -146,15 +155,16 @@ def read_counters(counters, rows, index):
 def _write(p, i, pulse):
     if pulse == p.written_ns[i]:
         return True
+    rest = np.uint32(pulse)  # 32 bits: dividing 64 by ten is a call on 32-bit ARM
     digits = 1
-    power = np.int64(10)
-    while pulse >= power:
-        power *= 10
+    power = np.uint32(10)
+    while digits < 10 and rest >= power:
+        power = np.uint32(power * np.uint32(10))
         digits += 1
-    rest = pulse
     for k in range(digits - 1, -1, -1):
-        p.text[k] = 48 + rest % 10
-        rest //= 10
+        tenth = np.uint32(rest // np.uint32(10))
+        p.text[k] = 48 + (rest - tenth * np.uint32(10))
+        rest = tenth
     p.text[digits] = 10
     if _pwrite(p.fd[i], p.text, digits + 1) != digits + 1:
         p.written_ns[i] = -1

@@ -10,6 +10,8 @@ ask for it.
 Source: data sheets of TB6612FNG and MC33926; librobotcontrol's motor table.
 """
 
+from functools import partial
+
 from mip_rt.errors import MotorError
 from mip_rt.hardware import compiled_io
 from mip_rt.hardware.boards import GPIO
@@ -51,7 +53,7 @@ class Motors:
         self._pulses = compiled_io.records(compiled_io.PULSES, len(pins))
         self._pulses["period_ns"], self._pulses["written_ns"] = period_ns, -1
         self._pulses["two"] = int(scheme == "two-pwm")
-        self._rows = None
+        self._rows = self._write = None
         self.errors, self.last_error, self.enabled = 0, None, False
         self._enable, self.beat = enable, enable.beat
         # Direction lines may lie in several banks: one request a bank, and for each motor its bits there.
@@ -81,6 +83,7 @@ class Motors:
     def attach(self, rows) -> None:
         """Takes pulses from these rows of frames and notes there what was applied."""
         self._rows = rows
+        self._write = partial(compiled_io.writer_for(rows.dtype), self._pulses, rows)
 
     def enable(self) -> bool:
         """Wakes the drivers with duty 0; False where the kernel refuses."""
@@ -102,7 +105,7 @@ class Motors:
 
         At a reversal the old pulse is taken away before the direction changes.
         """
-        turn = compiled_io.write_pulses(self._pulses, self._rows, index)
+        turn = self._write(index)
         if turn == 0:
             return True
         try:
@@ -110,7 +113,7 @@ class Motors:
                 for i in range(len(self._pwm)):
                     if turn >> i & 1:
                         self._turn(i, 1 if self._rows["duty_ns"][index, i] > 0 else -1)
-                turn = compiled_io.write_pulses(self._pulses, self._rows, index)
+                turn = self._write(index)
         except OSError as error:
             return self._failed(error)
         return turn == 0 or self._failed(OSError("a pulse was refused"))

@@ -223,8 +223,7 @@ class Mpu9250:
             self.counters["backlog"] += waiting - 1
             status |= IMU_BACKLOG
         packet = self._packets[waiting - 1]
-        w, x, y, z = _QUATERNION.unpack_from(packet)
-        if not abs(math.sqrt(float(w) * w + float(x) * x + float(y) * y + float(z) * z) / Q30 - 1.0) <= NORM_TOLERANCE:
+        if not abs(math.hypot(*_QUATERNION.unpack_from(packet)) / Q30 - 1.0) <= NORM_TOLERANCE:
             self.counters["bad_norm"] += 1
             return status | IMU_BAD_NORM
         if packet == self._last:

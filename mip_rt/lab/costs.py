@@ -21,7 +21,6 @@ from mip_rt.config import scenario as scenarios
 from mip_rt.estimators import mbbr_ekf, mip_ekf
 from mip_rt.fake import bench as fake_bench
 from mip_rt.fake.kernel import SAMPLE_NS
-from mip_rt.hardware import compiled_io
 from mip_rt.hardware.i2c import I2cBus
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
@@ -121,7 +120,7 @@ def parts(name: str, count: int) -> float:
 
     action = {
         "imu": lambda: devices.imu.read(ring.buffer, at["imu_packet"]),
-        "encoders": lambda: compiled_io.read_counters(devices.counters, loop.robot.rows, 0),
+        "encoders": lambda: loop._read_counters(0),
         "step": lambda: loop.robot.step(0),
         "supervisor": supervise,
     }[name]
