@@ -29,6 +29,8 @@ VERBS = {
     "log": Verb("mip_rt.log.commands", "look into a log: info, plot, export, tail, diff, spectrum", "mip-rt log info"),
     "monitor": Verb("mip_rt.monitor.commands", "watch a running loop: terminal, JSON lines or web page", "mip-rt monitor --web"),
     "warm-up": Verb("mip_rt.warm_up", "compile everything and keep it", "mip-rt warm-up"),
+    "dmp": Verb("mip_rt.dmp_commands", "get the IMU's DMP image out of what you hold; check it", "mip-rt dmp extract librobotcontrol/"),
+    "firmware": Verb("mip_rt.firmware.commands", "overlay, U-Boot, udev, modprobe: show, diff, apply, revert", "mip-rt firmware diff"),
     "safety": Verb("mip_rt.safety", "print states, transitions, faults, limits and pre-arm checks as Markdown", "mip-rt safety"),
     "bench": Verb("mip_rt.lab.bench", "measure costs, estimators, robustness", "mip-rt bench steps"),
     "soak": Verb("mip_rt.lab.soak", "faults at random over hours of virtual time, promises checked", "mip-rt soak --hours 10"),

@@ -47,4 +47,5 @@ def banner(session, scenario: str, speed: str) -> str:
         f"  estimator {session.robot.names[0]} (shadows: {shadows}), controller {session.robot.controller}, "
         f"{config.realtime.rate_hz:g} Hz\n"
         f"  log {session.ring.path}" + (f", recorded to {session.recorder.folder}" if session.recorder.folder else "")
+        + "".join(f"\n  warning: {problem}" for problem in session.devices.leds.problems)
     )

@@ -146,6 +146,7 @@ class Session:
                     silent += 1
                     if silent > BOOT_TIMEOUTS and loop.ticks == 0:
                         raise MipRtError("the IMU sends no interrupts.", "Run mip-rt doctor.", "imu_no_interrupt")
+                    self._show_leds()
                     self._recover_imu()
                     continue
                 silent = 0
@@ -197,6 +198,7 @@ class Session:
             self._absorb(tick + 1)
         if tick % recorder_process.LOOK_EVERY == 0:
             self.recorder.look()
+        self._show_leds()
         if state is State.BALANCING:
             self._imu_good_ns = None
             return
@@ -213,6 +215,9 @@ class Session:
         if tick % CHECK_EVERY == 0:
             self.refusals = self.prearm.check(now_ns * 1e-9, state is not State.BOOT, self._rate_hz(tick))
             self.supervisor.refusals = sum(refusal.check.bit for refusal in self.refusals)
+
+    def _show_leds(self) -> None:
+        self.devices.leds.show(self.supervisor.state in (State.ARMING, State.BALANCING))
 
     def _calibrate(self, row, now_s: float) -> None:
         measured = row["gyro_rad_s"] + row["gyro_bias_rad_s"]

@@ -6,6 +6,7 @@ noise sets are in `published.py`.
 
 from mip_rt.config import published
 from mip_rt.config.fields import Choice, Flag, Integer, Named, Number, Rows, Several, Text, matrix, numbers
+from mip_rt.hardware import boards
 
 N, I, F = Number, Integer, Flag
 PAPER_NAME = Text("", "", pattern="[A-Za-z0-9_][A-Za-z0-9_.-]*", wanted="a name of letters, digits, _ . -")
@@ -46,6 +47,7 @@ DRY_RUN = {
     "battery_v": N(7.9, "Battery at the start.", unit="V", low=3, high=20),
     "battery_resistance_ohm": N(0.15, "Internal resistance: the voltage sags with the current.", unit="ohm", low=0, high=5),
     "battery_fade_v_s": N(1e-4, "Discharge.", low=0, high=1),
+    "kernel": Choice("5.10-ti", "Generation of kernels whose interfaces the simulated board shows.", choices=("4.19-ti", "5.10-ti", "6.12-bone")),
     "actuation_delay_ms": I(1, "Milliseconds between the interrupt and the new duty.", low=0, high=5),
     "extra_delay_ticks": I(0, "Further whole ticks of delay.", low=0, high=3),
     "model_error": {
@@ -58,7 +60,7 @@ DRY_RUN = {
 MBBR = {
     "robot": Choice("mbbr", "The robot.", choices=("mbbr",)),
     "board": Choice("beaglebone-black-cape", "Pin table; auto asks the device tree.",
-                    choices=("auto", "beaglebone-blue", "beaglebone-black-cape", "beaglebone-black-mc33926")),
+                    choices=("auto", *boards.NAMES)),
     "model": MODEL,
     "wheels": {
         "body_from_wheel": matrix(published.BODY_FROM_WHEEL, "T_ob: columns are the wheels' axes in body axes (T 6.5, corrected)."),
@@ -155,7 +157,7 @@ MBBR = {
         }),
     },
     "remote": {
-        "device": Text("/dev/ttyS5", "Serial port of the Bluetooth module.", wanted="a path"),
+        "device": Text("/dev/ttyS5", "Serial port of the Bluetooth module; auto: UART5, whatever its number.", wanted="a path"),
         "baud": I(115200, "Baud rate; an HC-06 as sold has 9600.", low=1200, high=921600),
         "protocol": Choice("fourjoy", "Frame format.", choices=("fourjoy",)),
         "timeout_s": N(0.3, "A remote silent for so long is lost.", unit="s", low=0.05, high=0.45),

@@ -33,10 +33,12 @@ COUNTERS = np.dtype(
 PULSES = np.dtype(
     [
         ("number", "i8"),
-        ("fd", "i8", (MOST,)),
+        ("fd", "i8", (2 * MOST,)),  # of two PWM a motor, that of the other direction stands MOST further
+        ("two", "i8"),  # 1: two PWM a motor, and no direction lines
         ("period_ns", "i8"),
         ("sign", "i8", (MOST,)),  # direction that the lines stand at: -1, 1, or 0 when not known
-        ("written_ns", "i8", (MOST,)),  # pulse that the kernel has, -1 when not known
+        ("mirrored", "i8", (MOST,)),  # 1: the motor turns while the PWM is low, and rests where it is always high
+        ("written_ns", "i8", (2 * MOST,)),  # pulse that the kernel has, -1 when not known
         ("text", "u1", (TEXT,)),
     ],
     align=True,
@@ -172,6 +174,17 @@ def _write(p, i, pulse):
 
 
 @njit
+def _drive(p, i, pulse):
+    """The pulse of the present direction; False where the kernel refuses."""
+    size = min(abs(pulse), p.period_ns)
+    if p.two == 0:
+        return _write(p, i, p.period_ns - size if p.mirrored[i] == 1 else size)
+    if pulse > 0:  # the side that ends goes first: never are both on
+        return _write(p, i + MOST, np.int64(0)) and _write(p, i, size)
+    return _write(p, i, np.int64(0)) and _write(p, i + MOST, size)
+
+
+@njit
 def write_pulses(pulses, rows, index):
     """Writes rows[index].duty_ns; only changes reach the kernel. At a reversal the old pulse is taken away first.
 
@@ -188,11 +201,10 @@ def write_pulses(pulses, rows, index):
     turn = 0
     for i in range(p.number):
         pulse = row.duty_ns[i]
-        if pulse != 0 and (pulse > 0) != (p.sign[i] > 0) or (pulse != 0 and p.sign[i] == 0):
-            if not _write(p, i, np.int64(0)):
-                return REFUSED
+        if p.two == 0 and pulse != 0 and (p.sign[i] == 0 or (pulse > 0) != (p.sign[i] > 0)):
             turn |= 1 << i
-        elif not _write(p, i, min(abs(pulse), p.period_ns)):
+            pulse = np.int64(0)
+        if not _drive(p, i, pulse):
             return REFUSED
     if turn == 0:
         for i in range(p.number):

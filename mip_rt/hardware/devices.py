@@ -6,9 +6,10 @@ from types import SimpleNamespace
 
 from mip_rt.hardware import compiled_io
 from mip_rt.hardware.battery import Battery
-from mip_rt.hardware.boards import GPIO, board
+from mip_rt.hardware.boards import GPIO, board, serial_device
 from mip_rt.hardware.encoders import Encoder
 from mip_rt.hardware.gpio import InputEvents
+from mip_rt.hardware.leds import Leds
 from mip_rt.hardware.motors import Motors
 from mip_rt.hardware.mpu9250 import Mpu9250
 from mip_rt.hardware.mpu9250_raw import RawMpu9250
@@ -30,13 +31,14 @@ class Devices:
     button: InputEvents
     remote: RemoteCommand
     port: SerialPort | None
+    leds: Leds
     battery_v: float = math.nan
 
     def close(self) -> None:
         """Motors first."""
         self.motors.close()
         self.imu.stop()
-        for part in (self.imu_line, *self.encoders, self.battery, self.button, *([self.port] if self.port else [])):
+        for part in (self.imu_line, *self.encoders, self.battery, self.button, self.leds, *([self.port] if self.port else [])):
             part.close()
 
 
@@ -45,7 +47,7 @@ def open_devices(kernel, config, enable, remote_device: str | None, image=None) 
 
     Args:
         enable: the enable line: guard_client.GuardClient.
-        remote_device: path of the remote's port; None for no remote.
+        remote_device: path of the remote's port, or "auto" for the board's; None for no remote.
         image: (path, sha256) of another DMP image than the configuration's.
 
     Raises:
@@ -61,7 +63,7 @@ def open_devices(kernel, config, enable, remote_device: str | None, image=None) 
         encoder.start()
     battery = Battery(kernel, config.battery)
     button = InputEvents(kernel, GPIO[pins.arm_button[0]], pins.arm_button[1], "falling", "mip-rt arm")
-    port = SerialPort(remote_device, config.remote.baud) if remote_device else None
+    port = SerialPort(serial_device(remote_device, pins, kernel), config.remote.baud) if remote_device else None
     imu_line = InputEvents(kernel, GPIO[pins.imu_interrupt[0]], pins.imu_interrupt[1], "falling", "mip-rt imu")
     settings = config.imu
     if image is not None:
@@ -69,4 +71,4 @@ def open_devices(kernel, config, enable, remote_device: str | None, image=None) 
     imu = (RawMpu9250 if settings.attitude == "onboard" else Mpu9250)(kernel, settings, config.realtime.rate_hz)
     imu.start()
     remote = RemoteCommand(port, FourJoyDecoder(), config.remote)
-    return Devices(imu, imu_line, encoders, counters, motors, battery, button, remote, port, battery.read())
+    return Devices(imu, imu_line, encoders, counters, motors, battery, button, remote, port, Leds(kernel, pins.leds), battery.read())

@@ -8,7 +8,8 @@ import mip_rt
 PACKAGE = Path(mip_rt.__file__).parent
 # Who may know of each module: motors.py drives the channels, devices.py opens it for the supervisor.
 IMPORTERS = {"mip_rt.hardware.pwm": {"hardware/motors.py"}, "mip_rt.hardware.motors": {"hardware/devices.py"}}
-OUTPUT_LINES = {"hardware/gpio.py", "hardware/motors.py", "guard.py"}  # the class that drives lines
+# The class that drives lines; a board's table that gives a lamp a motor's line is refused (tests/hardware/test_boards.py).
+OUTPUT_LINES = {"hardware/gpio.py", "hardware/motors.py", "hardware/leds.py", "guard.py"}
 ATTRIBUTE = {"hardware/devices.py": {"close"}, "session.py": set()}  # methods called on a `.motors` there
 TREES = {str(path.relative_to(PACKAGE)): ast.parse(path.read_text()) for path in PACKAGE.rglob("*.py")}
 
