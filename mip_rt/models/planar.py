@@ -4,7 +4,7 @@ State x = [theta, phi, theta', phi']: theta is the wheel's angle relative to the
 place is r (theta + phi). The torque is the motor's, on the wheel: positive rolls it forward and tips the body backward.
 
 The printed equations (6) have two errors, which `derivative(..., printed=True)` keeps for comparison: the body's inertia enters as I_b r / m_b (a dimension
-error that makes it fifty times too small for a wheel of 2 cm), and the torque with the wrong sign. The paper states no parameter values; those of
+error that makes it thirty times too small for a wheel of 3.5 cm), and the torque with the wrong sign. The paper states no parameter values; those of
 `parameters` are a hand-sized robot of ours.
 
 Source: O'Murchadha, (1) to (6), corrected as in sections H and I.7 of the equations.
@@ -26,7 +26,7 @@ PARAMETERS = np.dtype(
     ],
     align=True,
 )
-HAND_SIZED = {"body_mass_kg": 0.25, "wheel_radius_m": 0.02, "com_height_m": 0.1, "body_inertia_kg_m2": 1e-4, "gravity_m_s2": 9.81}
+HAND_SIZED = {"body_mass_kg": 0.25, "wheel_radius_m": 0.035, "com_height_m": 0.1, "body_inertia_kg_m2": 8e-4, "gravity_m_s2": 9.81}
 
 
 def parameters(**overrides):
