@@ -31,6 +31,7 @@ VERBS = {
     "warm-up": Verb("mip_rt.warm_up", "compile everything and keep it", "mip-rt warm-up"),
     "safety": Verb("mip_rt.safety", "print states, transitions, faults, limits and pre-arm checks as Markdown", "mip-rt safety"),
     "bench": Verb("mip_rt.lab.bench", "measure costs, estimators, robustness", "mip-rt bench steps"),
+    "reproduce": Verb("mip_rt.lab.reproduce", "tables and figures of five papers, ours beside the published", "mip-rt reproduce all --out report"),
     "soak": Verb("mip_rt.lab.soak", "faults at random over hours of virtual time, promises checked", "mip-rt soak --hours 10"),
 }
 RUN = Verb("mip_rt.run", "", "mip-rt --dry-run --scenario drive-spin-1.0 --duration 30")

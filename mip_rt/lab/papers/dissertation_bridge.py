@@ -5,6 +5,7 @@ import numpy as np
 from mip_rt.config.scenario import Event
 from mip_rt.lab.papers.experiment import Claim, Experiment, Figure, Result, Row
 from mip_rt.lab.papers.runs import drive
+from mip_rt.models import motor, switched_bridge
 
 FREQUENCIES_HZ = (500, 1000, 5000, 10000, 20000)
 MODES = {"drive/brake": "brake", "drive/coast, compensated": "coast", "drive/coast, not compensated": "brake"}
@@ -62,4 +63,52 @@ def run(seed: int, quick: bool, progress) -> Result:
     return result
 
 
-EXPERIMENTS = [Experiment("dissertation-fig-4.6", "dissertation", ("Fig. 4.6",), "balancing variance: brake, coast, coast compensated", run)]
+CASES = {"the current flows on, i(t0) ≠ 0": (0.75, 0.2), "the current dies, i(t0) = 0": (0.35, 0.2)}  # duty, speed over no-load speed
+PERIOD_T_R = 0.5
+
+
+def waveform(u: float, omega_r: float, t_r: float, samples: int = 400):
+    """(share of the period, current / i_s) of a periodic drive/coast pulse, sampled from the event-exact phases."""
+    start = 0.0
+    for _ in range(200):
+        _, start = switched_bridge.period(start, u, omega_r, t_r, 0.0, 0)
+    share, out = np.linspace(0.0, 1.0, samples), np.empty(samples)
+    target = 1.0 - omega_r
+    top = target + (start - target) * np.exp(-u * t_r)
+    for k, part in enumerate(share):
+        if part <= u:
+            out[k] = target + (start - target) * np.exp(-part * t_r)
+        else:
+            out[k] = switched_bridge.coast_phase(top, omega_r, (part - u) * t_r, 0.0)[1]
+    return share, out
+
+
+def pulse(seed: int, quick: bool, progress) -> Result:
+    """Fig. 4.2: current and PWM over one period."""
+    result = Result(settings={"period": f"{PERIOD_T_R} electrical time constants", "speed": "0.2 of the no-load speed", "diodes": "no drop"})
+    curves = {}
+    for name, (u, omega) in CASES.items():
+        curves[name] = share, current = waveform(u, omega, PERIOD_T_R)
+        mean = float(np.sum(0.5 * (current[1:] + current[:-1]) * np.diff(share)))
+        result.rows.append(Row(f"{name}: mean of the sampled current (i/i_s; published: (4.29), (4.30))", mean, motor.coast_current(u, omega, PERIOD_T_R), 1e-3, 5))
+    on, dead = (curves[name][1] for name in CASES)
+    result.claims = [Claim("in the first case the current never dies, in the second it does before the period ends", bool(on.min() > 0.0 and dead[-1] == 0.0))]
+
+    def draw(figure):
+        for place, (name, (share, current)) in enumerate(curves.items()):
+            axes = figure.add_subplot(1, 2, place + 1)
+            axes.plot(share, current, label="i / i_s")
+            axes.plot(share, 0.1 * (share < CASES[name][0]) - 0.2, "0.4", drawstyle="steps-post", label="PWM (offset)")
+            axes.set(xlabel="t / T", title=name)
+            axes.grid(alpha=0.3)
+            axes.legend(fontsize=8)
+        figure.tight_layout()
+
+    result.figures = [Figure("dissertation-fig-4.2", "Fig. 4.2: current and PWM during one period", draw, (9, 4))]
+    return result
+
+
+EXPERIMENTS = [
+    Experiment("dissertation-fig-4.2", "dissertation", ("Fig. 4.2",), "current during one PWM period", pulse),
+    Experiment("dissertation-fig-4.6", "dissertation", ("Fig. 4.6",), "balancing variance: brake, coast, coast compensated", run),
+]
