@@ -72,7 +72,7 @@ def _run(rate_rad_s: float, seed: int, duration_s: float, lever_arm: bool = Fals
 
 
 def _records(seed, quick, progress):
-    duration_s = 14.0 if quick else 64.0
+    duration_s = 12.0 if quick else 64.0
     records = []
     for number, rate in enumerate(RATES_RAD_S):
         progress(2 * number, 2 * len(RATES_RAD_S))

@@ -95,8 +95,8 @@ def _draw_windows(figure, t, actual, found):
         axes.set(ylabel="Angle (deg)", title=title)
         axes.grid(alpha=0.3)
     axes.set_xlabel("Time (s)")
-    figure.axes[0].legend(fontsize=7, ncol=2)
-    figure.tight_layout()
+    figure.tight_layout(rect=(0, 0.05, 1, 1))
+    figure.legend(*axes.get_legend_handles_labels(), loc="lower center", ncol=5, fontsize=8, frameon=False)
 
 
 def _draw_raw(figure, t, found, reference):

@@ -39,7 +39,7 @@ def _draw_spectrum(figure, seen):
     axes = figure.add_subplot()
     for rate, label in ((seen.rate_rad_s, "mocap (simulated)"), (seen.estimates["ekf_printed"][1], "EKF (printed digits)")):
         axes.plot(*spectrum(rate[:, 0]), lw=1, label=label)
-    axes.set(xlim=(0, 50), xlabel="Frequency (rad/s)", ylabel="FFT power of φ̇x (rad/s)²")
+    axes.set(xlim=(0, 50), xlabel="Frequency (rad/s)", ylabel="FFT power of φ̇x (rad/s)²", yscale="log", ylim=(1e-2, None))
     axes.legend()
     axes.grid(alpha=0.3)
 
@@ -49,14 +49,16 @@ def table(seed: int, quick: bool, progress) -> Result:
     duration_s = 15.0 if quick else 40.0
     overrides = {**SHADOWS, "estimator.noise_set": "friction"}
     seen, fell = {}, False
-    for number, (speed, rate) in enumerate(TABLE_6_1):
-        progress(number, len(TABLE_6_1))
+    conditions = [(0.0, 0.0), (0.2, 0.0), (0.0, 0.5), (0.0, 1.0)] if quick else list(TABLE_6_1)
+    for number, (speed, rate) in enumerate(conditions):
+        progress(number, len(conditions))
         record = fly(rate, speed, overrides, duration_s, seed)
         fell |= record.fell
         seen[speed, rate] = see(record, seed)
     result = Result(settings={**overrides, **mbbr_runs.IMPERFECTIONS, **mbbr_runs.EXPLAINED, "Q": "(6.28)"})
     errors = {condition: found.errors("ekf_printed") for condition, found in seen.items()}
-    for condition, (tilt, speed) in TABLE_6_1.items():
+    for condition in conditions:
+        tilt, speed = TABLE_6_1[condition]
         name = _condition(*condition)
         result.rows.append(Row(f"{name}: RMSE of θ, EKF as printed (rad)", errors[condition][0], tilt, WITHIN))
         result.rows.append(Row(f"{name}: RMSE of the ball speed, EKF as printed (cm/s)", errors[condition][1], speed, WITHIN))
@@ -64,7 +66,7 @@ def table(seed: int, quick: bool, progress) -> Result:
         result.rows.append(Row(f"{name}: RMSE of θ, corrected EKF (rad)", corrected[0]))
         result.rows.append(Row(f"{name}: RMSE of the ball speed, corrected EKF (cm/s)", corrected[1]))
     result.claims = [
-        Claim("the robot balances in all seven conditions", not fell),
+        Claim("the robot balances in all conditions", not fell),
         Claim("tilt and speed errors grow with the yaw rate", all(errors[0.0, 0.0][k] < errors[0.0, 0.5][k] < errors[0.0, 1.0][k] for k in (0, 1))),
     ]
     result.notes = [
@@ -76,7 +78,7 @@ def table(seed: int, quick: bool, progress) -> Result:
     result.figures = [
         Figure(f"dissertation-fig-{number}", f"Fig. {number}: EKF (printed digits) against mocap, {_condition(*condition)}",
                lambda f, s=seen[condition]: _draw_against(f, s, "ekf_printed", "EKF (printed digits)"))
-        for condition, number in FIGURES.items()
+        for condition, number in FIGURES.items() if condition in seen
     ] + [Figure("dissertation-fig-6.13", "Fig. 6.13: spectrum of φ̇x, driving at 20 cm/s", lambda f: _draw_spectrum(f, seen[0.2, 0.0]), (8, 4.5))]  # fmt: skip
     return result
 

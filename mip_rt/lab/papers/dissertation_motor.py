@@ -106,7 +106,7 @@ def _draw_currents(figure, t, u, measured, coast, linear, stall):
 
 def run(seed: int, quick: bool, progress) -> Result:
     """Tables 4.4 and 4.5, Figs 4.4 and 4.5."""
-    duration_s = 9.0 if quick else 60.0
+    duration_s = 30.0 if quick else 60.0
     frequencies = (1000, 20000) if quick else FREQUENCIES_HZ
     result = Result(settings={
         "measured": "models.switched_bridge: event-exact RL circuit, flywheel, Coulomb friction 3 % of stall torque",
