@@ -111,9 +111,10 @@ def smooth(values, corner_rad_s: float = 10.0):
     return 0.5 * (once(values) + once(values[::-1])[::-1])
 
 
-def spectrum(values):
-    """(frequencies rad/s, power) of a signal, Hann window."""
-    window = np.hanning(len(values))
-    values = (values - np.mean(values)) * window
-    power = np.abs(np.fft.rfft(values)) ** 2 / np.sum(window**2)
-    return 2.0 * np.pi * np.fft.rfftfreq(len(values), DT_S), power
+def spectrum(values, segment_s: float | None = None):
+    """(frequencies rad/s, power) of a signal, Hann window; with `segment_s` the mean over half-overlapping segments (Welch)."""
+    n = min(len(values), round(segment_s / DT_S)) if segment_s else len(values)
+    window = np.hanning(n)
+    parts = [values[k : k + n] for k in range(0, len(values) - n + 1, max(1, n // 2))]
+    power = np.mean([np.abs(np.fft.rfft((part - np.mean(part)) * window)) ** 2 for part in parts], axis=0) / np.sum(window**2)
+    return 2.0 * np.pi * np.fft.rfftfreq(n, DT_S), power
