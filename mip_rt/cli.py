@@ -33,6 +33,7 @@ VERBS = {
     "firmware": Verb("mip_rt.firmware.commands", "overlay, U-Boot, udev, modprobe: show, diff, apply, revert", "mip-rt firmware diff"),
     "safety": Verb("mip_rt.safety", "print states, transitions, faults, limits and pre-arm checks as Markdown", "mip-rt safety"),
     "bench": Verb("mip_rt.lab.bench", "measure costs, estimators, robustness", "mip-rt bench steps"),
+    "reproduce": Verb("mip_rt.lab.reproduce", "tables and figures of five papers, ours beside the published", "mip-rt reproduce all --out report"),
     "soak": Verb("mip_rt.lab.soak", "faults at random over hours of virtual time, promises checked", "mip-rt soak --hours 10"),
 }
 RUN = Verb("mip_rt.run", "", "mip-rt --dry-run --scenario drive-spin-1.0 --duration 30")
