@@ -5,6 +5,7 @@ world reads duties and writes counts without system calls. An ordinary file keep
 duty is read up to its newline; a count's file is cut to its exact length.
 """
 
+import ctypes
 import mmap
 import os
 from pathlib import Path
@@ -17,28 +18,33 @@ GPIO_CHIP_NUMBERS = {GPIO[0]: 3, GPIO[1]: 0, GPIO[2]: 1, GPIO[3]: 2}  # rotated,
 COUNTER_NUMBERS = (2, 0, 1)  # probe order is nobody's promise
 
 
+def address_of(mapping: mmap.mmap) -> int:
+    """Where a mapping begins."""
+    return ctypes.addressof(ctypes.c_char.from_buffer(mapping))
+
+
 class MappedFile:
-    """A small file that the fake writes or reads through a mapping."""
+    """A small file that the fake writes or reads through a mapping.
+
+    Attributes:
+        address: of the mapping; at least 4096 bytes.
+        fd: open on the file.
+    """
 
     def __init__(self, path: Path, content: bytes):
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-        self._fd = os.open(path, os.O_RDWR)
-        os.ftruncate(self._fd, 4096)
-        self._map = mmap.mmap(self._fd, 4096)
-        os.ftruncate(self._fd, len(content))
-        self._length = len(content)
+        self.fd = os.open(path, os.O_RDWR)
+        os.ftruncate(self.fd, 4096)
+        self._map = mmap.mmap(self.fd, 4096)
+        os.ftruncate(self.fd, len(content))
+        self.address = address_of(self._map)
 
     def put(self, content: bytes) -> None:
         """Replaces the content."""
-        length = len(content)
-        if length > self._length:
-            os.ftruncate(self._fd, length)
-        self._map[:length] = content
-        if length < self._length:
-            os.ftruncate(self._fd, length)
-        self._length = length
+        os.ftruncate(self.fd, len(content))
+        self._map[: len(content)] = content
 
     def number(self) -> int:
         """The number before the first newline."""
@@ -48,7 +54,7 @@ class MappedFile:
     def close(self) -> None:
         """Unmaps."""
         self._map.close()
-        os.close(self._fd)
+        os.close(self.fd)
 
 
 class FakeSysfs:
@@ -155,10 +161,15 @@ class FakeSysfs:
         """The mapped file of a channel, for reading it every sample."""
         return self._duties.get((address, channel))
 
+    @property
+    def counts_are_signed(self) -> bool:
+        """What a counter's file shows below zero: True for minus signs, False for numbers near 2^32."""
+        return self._encoder_interface == "tieqep"
+
     def set_count(self, index: int, value: int) -> None:
         """Shows a count at an encoder: unsigned 32 bits for the counter subsystem, signed for tieqep."""
         raw = value & 0xFFFFFFFF
-        if self._encoder_interface == "tieqep" and raw >= 1 << 31:
+        if self.counts_are_signed and raw >= 1 << 31:
             raw -= 1 << 32
         self.counts[index].put(b"%d\n" % raw)
 

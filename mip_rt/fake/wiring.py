@@ -1,5 +1,6 @@
 """The wires between the board's pins and the simulated robot: what the motor drivers make of PWM and lines, what the encoders show."""
 
+from mip_rt.fake import pins
 from mip_rt.hardware.boards import GPIO
 
 
@@ -17,48 +18,47 @@ class Wiring:
         self._sysfs, self._gpio = sysfs, gpio
         self.enable_line = (GPIO[board.enable[0]], board.enable[1])
         self._enable_bank = gpio.bank(self.enable_line[0])
-        self._pins = [board.motors[channel] for channel in config.motors.channels]
-        self._signs = config.motors.signs
-        self._period_ns = 1e9 / config.motor.pwm_frequency_hz
+        self._motors = [board.motors[channel] for channel in config.motors.channels]
         self._encoder_index = [channel - 1 for channel in config.encoders.channels]
         self._battery_channel = config.battery.adc_channel
-        self._parts = None
-        self._shown = [None] * len(self._encoder_index)
+        self._connected = False
+        self._pins = pins.records()
+        p = self._pins[0]
+        wheels = p["wheels"] = len(self._motors)
+        p["sign"][:wheels] = config.motors.signs
+        p["period_ns"] = 1e9 / config.motor.pwm_frequency_hz
+        p["signed"] = sysfs.counts_are_signed
+        files = [self.count_file(wheel) for wheel in range(wheels)]
+        p["count_at"][:wheels], p["count_fd"][:wheels] = [file.address for file in files], [file.fd for file in files]
 
     def read(self, duty) -> bool:
         """Fills duty (wheels,) with the signed duties by wheel that the drivers see; returns whether they are enabled."""
-        if self._parts is None and not self._connect():
+        if not (self._connected or self._connect()) or not self._enable_bank.level(self.enable_line[1]):
             duty[:] = 0.0
             return False
-        if not self._enable_bank.level(self.enable_line[1]):
-            duty[:] = 0.0
-            return False
-        for i, (file, a_levels, a, b_levels, b) in enumerate(self._parts):
-            duty[i] = (a_levels[a] - b_levels[b]) * self._signs[i] * file.number() / self._period_ns
+        if pins.read_duties(self._pins, duty):
+            raise ValueError("a duty file holds no number")
         return True
 
     def _connect(self) -> bool:
-        parts = []
-        for pin in self._pins:
+        p = self._pins[0]
+        for i, pin in enumerate(self._motors):
             file = self._sysfs.duty_file(*pin.pwm)
-            lines = [(self._gpio.bank(GPIO[bank]), line) for bank, line in (pin.a, pin.b)]
-            if file is None or not all(bank.held(line) for bank, line in lines):
+            banks = [self._gpio.bank(GPIO[bank]) for bank, _ in (pin.a, pin.b)]
+            if file is None or not all(bank.held(line) for bank, (_, line) in zip(banks, (pin.a, pin.b))):
                 return False
-            parts.append((file, lines[0][0].levels, pin.a[1], lines[1][0].levels, pin.b[1]))
-        self._parts = parts
+            p["duty_at"][i] = file.address
+            p["a_at"][i], p["b_at"][i] = banks[0].address + pin.a[1], banks[1].address + pin.b[1]
+        self._connected = True
         return True
 
     def disconnect(self) -> None:
         """Looks the lines up anew at the next sample, after a driver was closed and opened."""
-        self._parts = None
+        self._connected = False
 
     def show_encoders(self, counts) -> None:
         """Puts the wheels' counts into the counters."""
-        for i, index in enumerate(self._encoder_index):
-            count = int(counts[i])
-            if count != self._shown[i]:
-                self._shown[i] = count
-                self._sysfs.set_count(index, count)
+        pins.show_counts(self._pins, counts)
 
     def count_file(self, wheel: int):
         """The mapped file of a wheel's counter."""
@@ -66,7 +66,7 @@ class Wiring:
 
     def duty_file(self, wheel: int):
         """The mapped file of a wheel's duty; None before the driver exports it."""
-        return self._sysfs.duty_file(*self._pins[wheel].pwm)
+        return self._sysfs.duty_file(*self._motors[wheel].pwm)
 
     @property
     def battery_file(self):
@@ -75,7 +75,7 @@ class Wiring:
 
     def forget_shown(self) -> None:
         """Shows all counts anew at the next sample, after their files were changed."""
-        self._shown = [None, None, None]
+        self._pins["shown"], self._pins["length"] = pins.NEVER, -1
 
     def show_battery(self, raw: int) -> None:
         """Puts the battery's reading into the ADC."""

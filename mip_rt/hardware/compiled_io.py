@@ -89,7 +89,7 @@ else:
 
 
 @njit
-def _number(text, length):
+def number(text, length):
     """(number, 1) of decimal text up to a newline, or (0, 0) where it is none."""
     at = 0
     negative = length > 0 and text[0] == 45
@@ -107,8 +107,26 @@ def _number(text, length):
 
 
 @njit
+def decimal(value, text):
+    """Writes a number and a newline into `text`; returns how many bytes."""
+    rest = abs(value)
+    digits = 1
+    power = np.int64(10)
+    while rest >= power:
+        power *= 10
+        digits += 1
+    length = digits + 2 if value < 0 else digits + 1
+    text[0] = 45  # the minus sign; a first digit overwrites it
+    text[length - 1] = 10
+    for k in range(length - 2, length - 2 - digits, -1):
+        text[k] = 48 + rest % 10
+        rest //= 10
+    return length
+
+
+@njit
 def _read(c, i):
-    value, good = _number(c.text, _pread(c.fd[i], c.text))
+    value, good = number(c.text, _pread(c.fd[i], c.text))
     if good == 1:
         moved = (value - c.raw[i] + HALF) % WRAP - HALF
         c.count[i] += moved
@@ -144,17 +162,8 @@ def read_counters(counters, rows, index):
 def _write(p, i, pulse):
     if pulse == p.written_ns[i]:
         return True
-    digits = 1
-    power = np.int64(10)
-    while pulse >= power:
-        power *= 10
-        digits += 1
-    rest = pulse
-    for k in range(digits - 1, -1, -1):
-        p.text[k] = 48 + rest % 10
-        rest //= 10
-    p.text[digits] = 10
-    if _pwrite(p.fd[i], p.text, digits + 1) != digits + 1:
+    length = decimal(pulse, p.text)
+    if _pwrite(p.fd[i], p.text, length) != length:
         p.written_ns[i] = -1
         return False
     p.written_ns[i] = pulse
