@@ -177,10 +177,10 @@ class Session:
 
     def _notice_fault(self, tick: int) -> None:
         """Tells the recorder when the supervisor enters FAULT."""
-        in_fault = self.supervisor.state is State.FAULT
-        if in_fault and not self._in_fault:
-            self.ring.report_fault(self.supervisor.fault.number, tick)
-        self._in_fault = in_fault
+        if (self.supervisor.state is State.FAULT) != self._in_fault:
+            self._in_fault = not self._in_fault
+            if self._in_fault:
+                self.ring.report_fault(self.supervisor.fault.number, tick)
 
     @property
     def tipped(self) -> bool:

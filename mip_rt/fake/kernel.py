@@ -111,27 +111,28 @@ class FakeKernel(Kernel):
 
     def _sample(self) -> bool:
         """One IMU sample: the world moves up to it, then its moment comes, then the chip takes it; True where its driver got an edge."""
-        due_ns = self._next_ns
+        due_ns, real, world = self._next_ns, self._real, self.world
         if self.guard is not None:  # on virtual time it lives in here
             self.guard.step(due_ns)
-        enabled = self.motor_wiring.read(self.world.duty)
+        duty = world.duty
+        enabled = self.motor_wiring.read(duty)
         now_s = (due_ns - self.start_ns) * 1e-9
         if self.entrance is not None:
             self.entrance.serve(now_s, due_ns)
         self.operator.sample(now_s, due_ns, enabled)
-        world = self.world
-        world.advance(world.duty, enabled)
+        world.advance(duty, enabled)
         self.motor_wiring.show_encoders(world.counts)
         if world.samples % 40 == 1:
             self.motor_wiring.show_battery(world.battery_raw)
         self._next_ns = due_ns + SAMPLE_NS
+        if not real:
+            self._now_ns = max(self._now_ns, due_ns)
+            return self.chip.sample(world.packet, world.raw) and self.gpio.push_edge(*self.imu_line, due_ns, FALLING)
         self.wait_until(due_ns)
-        begin = time.perf_counter_ns() if self._real else 0
+        begin = time.perf_counter_ns()
         fell = self.chip.sample(world.packet, world.raw) and self.gpio.push_edge(*self.imu_line, due_ns, FALLING)
-        if self._real:
-            self._fake_row = world.truth_row
-            self.fake_ns[self._fake_row, 0] = time.perf_counter_ns() - begin
-            self.fake_ns[self._fake_row, 1] = 0
+        self._fake_row = world.truth_row
+        self.fake_ns[self._fake_row] = time.perf_counter_ns() - begin, 0
         return fell
 
     def charge(self, spent_ns: int) -> None:

@@ -103,7 +103,8 @@ class FakeMpu9250:
         if register == r.FIFO_R_W:
             return self._read_fifo(length)
         if register == r.FIFO_COUNT_H:
-            return len(self.fifo).to_bytes(2, "big")[:length].ljust(length, b"\0")
+            count = len(self.fifo).to_bytes(2, "big")
+            return count if length == 2 else count[:length].ljust(length, b"\0")
         out = bytearray()
         for _ in range(length):
             if register == r.MEM_R_W:

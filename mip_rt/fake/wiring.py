@@ -1,5 +1,6 @@
 """The wires between the board's pins and the simulated robot: what the motor drivers make of PWM and lines, what the encoders show."""
 
+from mip_rt.compiled import direct
 from mip_rt.fake import pins
 from mip_rt.hardware.boards import GPIO
 
@@ -23,6 +24,7 @@ class Wiring:
         self._battery_channel = config.battery.adc_channel
         self._connected = False
         self._pins = pins.records()
+        self._read_duties, self._show_counts = direct(pins.read_duties), direct(pins.show_counts)
         p = self._pins[0]
         wheels = p["wheels"] = len(self._motors)
         p["sign"][:wheels] = config.motors.signs
@@ -36,7 +38,7 @@ class Wiring:
         if not (self._connected or self._connect()) or not self._enable_bank.level(self.enable_line[1]):
             duty[:] = 0.0
             return False
-        if pins.read_duties(self._pins, duty):
+        if self._read_duties(self._pins, duty):
             raise ValueError("a duty file holds no number")
         return True
 
@@ -58,7 +60,7 @@ class Wiring:
 
     def show_encoders(self, counts) -> None:
         """Puts the wheels' counts into the counters."""
-        pins.show_counts(self._pins, counts)
+        self._show_counts(self._pins, counts)
 
     def count_file(self, wheel: int):
         """The mapped file of a wheel's counter."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.compiled import JIT_DISABLED
+from mip_rt.compiled import JIT_DISABLED, direct
 from mip_rt.robots.persistence import Persistence
 
 BATTERY_SMOOTHING_RAD_S = 2.0  # of the voltage that commands are scaled with
@@ -31,10 +31,9 @@ class Robot:
 
     def __init__(self, layout, names, controller: str, step, arrays, kept: int, estimate: slice):
         self.layout, self.names, self.controller = layout, names, controller
-        self._step = step
+        self._step = direct(step)
         self.parameters, self.state, self.estimator_parameters, self.estimator_states = (array for array, _ in arrays)
-        # The same memory as plain arrays, with the very type objects that numba has compiled for: it recognises those at once, record
-        # arrays or equal types only after comparing them field by field.
+        # The same memory as plain arrays of the very type that the step was compiled for.
         self._arguments = tuple(array if JIT_DISABLED else np.ndarray(array.shape, dtype, array) for array, dtype in arrays)
         self.command_in_force = np.asarray(self.state["applied"])[0]
         self.persistence = Persistence(self.state, self.estimator_states, kept, estimate)
