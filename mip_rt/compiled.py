@@ -115,6 +115,13 @@ CACHE_FOLDER = prepare()
 import numba  # noqa: E402, F401  (only after the cache folder is set; others take it from here)
 from numba.extending import register_jitable  # noqa: E402, F401
 
+# numba looks for BLAS in scipy, where that is installed, which takes 0.2 s; nothing compiled here multiplies matrices with it.
+sys.modules.setdefault("scipy.linalg.cython_blas", None)
+import numba.np.arraymath  # noqa: E402, F401
+
+if sys.modules["scipy.linalg.cython_blas"] is None:
+    del sys.modules["scipy.linalg.cython_blas"]
+
 JIT_DISABLED = bool(numba.config.DISABLE_JIT)
 
 

@@ -55,6 +55,9 @@ class Session:
         seed, scenario_name: of a dry run, for the log's name.
         record_folder: where the recorder keeps its files; None for no recorder.
         guard: guard_client.GuardClient that holds the robot's enable line; a dry run brings its own.
+
+    Attributes:
+        loop_s: what `run` took from the first tick to the summary, on the wall's clock.
     """
 
     def __init__(
@@ -111,6 +114,7 @@ class Session:
         self.refusals = []
         self._imu_good_ns = None  # newest good packet, or attempt to get one, since the motors are off
         self._absorbed, self._absorb_every = 0, ABSORB_EVERY
+        self.loop_s = math.nan
         self._in_fault = False
 
     def _unit_file(self):
@@ -138,6 +142,7 @@ class Session:
                     pass  # interrupts of the bring-up are not missed ticks
             end_ns = kernel.monotonic_ns() + round(min(duration_s, 1e8) * 1e9)
             silent = 0
+            begin_s = time.perf_counter()
             while not stop.requested and kernel.monotonic_ns() < end_ns:
                 ticked = loop.tick()
                 self._notice_fault(loop.ticks)
@@ -167,6 +172,7 @@ class Session:
             self.tipped,
         )  # fmt: skip
         report["recorder"] = self.recorder.summary()
+        self.loop_s = time.perf_counter() - begin_s
         return report
 
     def _log_path(self) -> Path:
