@@ -26,11 +26,8 @@ from mip_rt.hardware.gpio import (
 )
 
 LINES = 32  # of a bank
-_LOCK = struct.Struct("hhqqi")  # struct flock with 64-bit offsets: type, whence, start, length, process
-
-
-def _lock(kind: int, offset: int) -> bytes:
-    return _LOCK.pack(kind, os.SEEK_SET, offset, 1, 0)
+# By offset: struct flock with 64-bit offsets: type, whence, start, length, process. The type's low byte comes first, as on all our machines.
+_LOCKS = [struct.pack("<hhxxxxqqixxxx", fcntl.F_WRLCK, os.SEEK_SET, offset, 1, 0) for offset in range(LINES)]
 
 
 class _Events:
@@ -77,8 +74,7 @@ class _Bank:
 
     def held(self, offset: int) -> bool:
         """Some process has the line requested."""
-        answer = fcntl.fcntl(self.fd, fcntl.F_OFD_GETLK, _lock(fcntl.F_WRLCK, offset))
-        return _LOCK.unpack(answer)[0] != fcntl.F_UNLCK
+        return fcntl.fcntl(self.fd, fcntl.F_OFD_GETLK, _LOCKS[offset])[0] != fcntl.F_UNLCK
 
     def level(self, offset: int) -> int:
         """1 where a line is driven high, 0 where it is low or nobody holds it (pulled down)."""
@@ -89,7 +85,7 @@ class _Bank:
         fd = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
         try:
             for i, offset in enumerate(offsets):
-                fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _lock(fcntl.F_WRLCK, offset))
+                fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _LOCKS[offset])
                 self.levels[offset] = values >> i & 1
         except OSError as error:
             os.close(fd)

@@ -126,7 +126,8 @@ class FakeKernel(Kernel):
             self.motor_wiring.show_battery(world.battery_raw)
         self._next_ns = due_ns + SAMPLE_NS
         if not real:
-            self._now_ns = max(self._now_ns, due_ns)
+            if due_ns > self._now_ns:
+                self._now_ns = due_ns
             return self.chip.sample(world.packet, world.raw) and self.gpio.push_edge(*self.imu_line, due_ns, FALLING)
         self.wait_until(due_ns)
         begin = time.perf_counter_ns()

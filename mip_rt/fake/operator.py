@@ -10,6 +10,7 @@ import math
 from mip_rt.errors import ConfigError
 
 FRAME_EVERY = 8  # IMU samples between frames of the remote: 40 ms, 25 frames a second
+FRAME_AT = 1  # soon after the loop has looked: bytes need a moment through a pty, and who looks too early waits for them
 BUTTONS = {"none": 0, "triangle": 1, "circle": 2, "cross": 4, "square": 8}
 START_SELECT = 2
 RECOVER_EVERY = 240  # samples between presses of a recovery: acknowledge, arm; engaging takes half a second
@@ -67,7 +68,7 @@ class Operator:
         self._enabled = enabled
         if enabled and world.held and not self._gripped:
             world.release()
-        if world.samples % FRAME_EVERY == 0 and self._send is not None and now_s >= self.quiet_until_s:
+        if world.samples % FRAME_EVERY == FRAME_AT and self._send is not None and now_s >= self.quiet_until_s:
             self._send(self._x, self._y, BUTTONS[self._level.button], self._start_select)
             self._start_select = 0
 

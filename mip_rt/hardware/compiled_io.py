@@ -52,6 +52,13 @@ def records(dtype, number: int):
     return made.view(np.recarray) if JIT_DISABLED else made
 
 
+def for_rows(function, records, rows):
+    """read_counters or write_pulses as machine code for these arrays: a call of it does not look at their types again."""
+    if JIT_DISABLED:
+        return function
+    return function.compile((record_array(records.dtype), record_array(rows.dtype), numba.int64))
+
+
 def compile_for(frame_dtype) -> None:
     """Compiles everything here for the rows of one robot, so that nothing compiles in the first tick."""
     if not JIT_DISABLED:

@@ -34,7 +34,7 @@ class Motors:
         self._period_ns = period_ns
         self._pulses = compiled_io.records(compiled_io.PULSES, len(pins))
         self._pulses["period_ns"], self._pulses["written_ns"] = period_ns, -1
-        self._rows = None
+        self._rows = self._write_pulses = None
         self.errors, self.last_error, self.enabled = 0, None, False
         self._enable, self.beat = enable, enable.beat
         # Direction lines may lie in several banks: one request a bank, and for each motor its bits there.
@@ -59,6 +59,7 @@ class Motors:
     def attach(self, rows) -> None:
         """Takes pulses from these rows of frames and notes there what was applied."""
         self._rows = rows
+        self._write_pulses = compiled_io.for_rows(compiled_io.write_pulses, self._pulses, rows)
 
     def enable(self) -> bool:
         """Wakes the drivers with duty 0; False where the kernel refuses."""
@@ -77,7 +78,7 @@ class Motors:
 
         At a reversal the old pulse is taken away before the direction changes.
         """
-        turn = compiled_io.write_pulses(self._pulses, self._rows, index)
+        turn = self._write_pulses(self._pulses, self._rows, index)
         if turn == 0:
             return True
         try:
@@ -85,7 +86,7 @@ class Motors:
                 for i in range(len(self._pwm)):
                     if turn >> i & 1:
                         self._turn(i, 1 if self._rows["duty_ns"][index, i] > 0 else -1)
-                turn = compiled_io.write_pulses(self._pulses, self._rows, index)
+                turn = self._write_pulses(self._pulses, self._rows, index)
         except OSError as error:
             return self._failed(error)
         return turn == 0 or self._failed(OSError("a pulse was refused"))
