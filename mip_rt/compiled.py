@@ -118,6 +118,7 @@ from numba.extending import register_jitable  # noqa: E402, F401
 # numba looks for BLAS in scipy, where that is installed, which takes 0.2 s; nothing compiled here multiplies matrices with it.
 sys.modules.setdefault("scipy.linalg.cython_blas", None)
 import numba.np.arraymath  # noqa: E402, F401
+import numpy  # noqa: E402
 
 if sys.modules["scipy.linalg.cython_blas"] is None:
     del sys.modules["scipy.linalg.cython_blas"]
@@ -138,6 +139,11 @@ def njit(*signatures, **options):
 def record_array(dtype):
     """numba's type of a contiguous one-dimensional array of `dtype` records, for explicit signatures."""
     return numba.types.Array(numba.from_dtype(dtype), 1, "C", aligned=True)
+
+
+def plain(records, dtype):
+    """The memory of a record array as an array of exactly `dtype`, whose type numba recognises at once; plain Python needs the records."""
+    return records if JIT_DISABLED else numpy.ndarray(records.shape, dtype, records)
 
 
 def direct(function, *types):

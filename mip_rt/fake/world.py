@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from mip_rt.compiled import direct
+from mip_rt.compiled import direct, plain
 from mip_rt.fake.plant import NORMALS
 
 BLOCK = 1024  # samples of random numbers drawn at a time
@@ -56,11 +56,8 @@ class World:
         self._adc = (config.battery.ratio, config.battery.offset_v)
         _configure(self.parameters[0], config)
         plant.configure(self.parameters[0], config)
-        # The same memory as plain arrays of the very types that `advance` was compiled for.
-        self._arguments = tuple(
-            np.ndarray(array.shape, dtype, array) for array, dtype in ((self.parameters, plant.PARAMETERS), (self.state, plant.STATE))
-        )
-        self.truth_rows = np.ndarray(self.truth.shape, plant.TRUTH, self.truth)
+        self._arguments = plain(self.parameters, plant.PARAMETERS), plain(self.state, plant.STATE)
+        self.truth_rows = plain(self.truth, plant.TRUTH)
         self._advance = direct(plant.advance)
         s = self.state[0]
         self._held = np.asarray(self.state["held"])

@@ -3,7 +3,7 @@
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.compiled import JIT_DISABLED, direct
+from mip_rt.compiled import JIT_DISABLED, direct, plain
 from mip_rt.robots.persistence import Persistence
 
 BATTERY_SMOOTHING_RAD_S = 2.0  # of the voltage that commands are scaled with
@@ -33,8 +33,7 @@ class Robot:
         self.layout, self.names, self.controller = layout, names, controller
         self._step = direct(step)
         self.parameters, self.state, self.estimator_parameters, self.estimator_states = (array for array, _ in arrays)
-        # The same memory as plain arrays of the very type that the step was compiled for.
-        self._arguments = tuple(array if JIT_DISABLED else np.ndarray(array.shape, dtype, array) for array, dtype in arrays)
+        self._arguments = tuple(plain(array, dtype) for array, dtype in arrays)
         self.command_in_force = np.asarray(self.state["applied"])[0]
         self.persistence = Persistence(self.state, self.estimator_states, kept, estimate)
         self.gyro_bias_rad_s = (0.0, 0.0, 0.0)
