@@ -10,7 +10,7 @@ import math
 from mip_rt.errors import ConfigError
 
 FRAME_EVERY = 8  # IMU samples between frames of the remote: 40 ms, 25 frames a second
-FRAME_AT = 1  # soon after the loop has looked: bytes need a moment through a pty, and who looks too early waits for them
+FRAME_AT = 5  # soon after the loop has looked: bytes need a moment through a pty, and who looks too early waits for them
 BUTTONS = {"none": 0, "triangle": 1, "circle": 2, "cross": 4, "square": 8}
 START_SELECT = 2
 RECOVER_EVERY = 240  # samples between presses of a recovery: acknowledge, arm; engaging takes half a second
