@@ -40,6 +40,12 @@ class Scheduling:
         return whole
 
 
+def quick_start() -> None:
+    """Before the big imports: no collections while they build what stays anyway, and no threads for matrices of 10 rows."""
+    gc.disable()
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
 def freeze_garbage_collector() -> None:
     """One full collection now, none afterwards; everything alive is moved out of the collector's sight."""
     gc.collect()

@@ -28,7 +28,7 @@ def run(arguments) -> int:
         MipRtError: a refusal to start.
     """
     from mip_rt import config as configuration
-    from mip_rt import service
+    from mip_rt import realtime, service
 
     path = arguments.config or configuration.default_path(arguments.robot or "mbbr")
     config = configuration.load(path, dict(configuration.parse_override(text) for text in arguments.set), arguments.robot)
@@ -47,6 +47,7 @@ def run(arguments) -> int:
     unit = service.from_environment()
     remote = {None: config.remote.device, "none": None}.get(arguments.remote, arguments.remote)
     try:
+        realtime.quick_start()
         if arguments.dry_run:
             from mip_rt.fake.machine import Machine
 
@@ -82,6 +83,7 @@ def run(arguments) -> int:
         live = Live() if real_time and not arguments.json and not unit else None
         report = session.run(duration, stop, live, real_time, unit)
     finally:
+        realtime.leave()
         if unit:
             unit.close()
         for part in (bench,) if bench else (guard, machine):  # a bench closes its own

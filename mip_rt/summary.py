@@ -67,11 +67,14 @@ class Summary:
             if code not in self.faults:
                 self.faults.append(code)
         balancing = (rows["state"] == State.BALANCING) & (rows["request"] & frame.REQUEST_ENGAGED != 0)
+        ticks = int(balancing.sum())
+        if ticks < len(rows):  # otherwise no copy is needed
+            rows, truth = rows[balancing], None if truth is None else truth[balancing]
         if truth is not None:
-            self._absorb_errors(rows[balancing], truth[balancing])
+            self._absorb_errors(rows, truth)
         else:
-            self._absorb_tilt(self.judge.estimated_tilt(rows[balancing]))
-        self.balancing_ticks += int(balancing.sum())
+            self._absorb_tilt(self.judge.estimated_tilt(rows))
+        self.balancing_ticks += ticks
 
     def _absorb_tilt(self, tilt) -> None:
         if len(tilt):

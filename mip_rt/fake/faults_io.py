@@ -3,6 +3,8 @@
 import errno
 import os
 
+import numpy as np
+
 from mip_rt.fake.descriptors import READS_FAIL, WRITES_FAIL, opened, replace
 from mip_rt.hardware.gpio import SET_VALUES_V1, SET_VALUES_V2
 
@@ -16,7 +18,7 @@ def _offset(injector, wheel: int, counts: int) -> None:
     if not offsets:
         offsets.update({0: 0, 1: 0, 2: 0})
         injector.taps.add(
-            injector.bench.kernel.motor_wiring, "show_encoders", lambda call, shown: call([int(shown[i]) + offsets[i] for i in range(3)])
+            injector.bench.kernel.motor_wiring, "show_encoders", lambda call, shown: call(shown + np.array([offsets[i] for i in range(len(shown))]))
         )
     offsets[wheel] += counts
 
@@ -33,7 +35,7 @@ def encoder_stuck(injector, fault):
 
     def show(call, counts):
         fault.hits += 1
-        shown = list(counts)
+        shown = counts.copy()
         shown[wheel] = held
         return call(shown)
 
@@ -60,7 +62,7 @@ def encoder_sign(injector, fault):
 
     def show(call, counts):
         fault.hits += 1
-        shown = list(counts)
+        shown = counts.copy()
         shown[wheel] = 2 * centre - shown[wheel]
         return call(shown)
 

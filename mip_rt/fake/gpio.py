@@ -1,6 +1,6 @@
 """GPIO chips behind ioctl: requested lines are real file descriptors, edges arrive in them as the kernel's event records.
 
-A chip is a file that holds its bank's address. An event line is one end of a socket pair. Output lines are bytes of a file beside the
+A chip is a file that holds its bank's address. An event line is one end of a pipe. Output lines are bytes of a file beside the
 chip, one a line, and who holds a line has a lock on its byte that belongs to the open file description: so any process sees the level, and
 when the last descriptor closes, also by the death of its holder, the lock is gone and the line falls to its pull-down.
 """
@@ -9,10 +9,11 @@ import errno
 import fcntl
 import mmap
 import os
-import socket
+import select
 import struct
 from pathlib import Path
 
+from mip_rt.fake.sysfs import address_of
 from mip_rt.hardware.gpio import (
     EVENT_V1,
     EVENT_V2,
@@ -24,33 +25,41 @@ from mip_rt.hardware.gpio import (
     SET_VALUES_V2,
 )
 
-
 LINES = 32  # of a bank
-_LOCK = struct.Struct("hhqqi")  # struct flock with 64-bit offsets: type, whence, start, length, process
-
-
-def _lock(kind: int, offset: int) -> bytes:
-    return _LOCK.pack(kind, os.SEEK_SET, offset, 1, 0)
+# By offset: struct flock with 64-bit offsets: type, whence, start, length, process. The type's low byte comes first, as on all our machines.
+_LOCKS = [struct.pack("<hhxxxxqqixxxx", fcntl.F_WRLCK, os.SEEK_SET, offset, 1, 0) for offset in range(LINES)]
 
 
 class _Events:
-    """An input line held by a driver of this process."""
+    """An input line held by a driver of this process: the reading end of a pipe, which buffers about as many events as the kernel."""
 
     def __init__(self, layout):
-        mine, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_STREAM)
-        mine.setblocking(False)
-        self.mine, self.fd = mine, theirs.detach()
-        self.layout, self.sequence = layout, 0
+        self.fd, self._mine = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
+        fcntl.fcntl(self._mine, fcntl.F_SETPIPE_SZ, 4096)
+        self._layout, self.sequence = layout, 0
+        self._held = select.poll()
+        self._held.register(self._mine, 0)
 
     @property
     def held(self) -> bool:
         """The driver still has its descriptor open."""
+        return not self._held.poll(0)
+
+    def push(self, timestamp_ns: int, edge: int, offset: int) -> bool:
+        """Puts an event into the buffer; False where the driver is gone or the buffer full."""
+        self.sequence += 1
         try:
-            return self.mine.recv(1, socket.MSG_PEEK) != b""
-        except BlockingIOError:
-            return True
+            if self._layout is EVENT_V2:
+                os.write(self._mine, EVENT_V2.pack(timestamp_ns, edge, offset, self.sequence, self.sequence))
+            else:
+                os.write(self._mine, EVENT_V1.pack(timestamp_ns, edge))
         except OSError:
             return False
+        return True
+
+    def close(self) -> None:
+        """Nobody will push any more."""
+        os.close(self._mine)
 
 
 class _Bank:
@@ -61,11 +70,11 @@ class _Bank:
         self.fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
         os.ftruncate(self.fd, LINES)
         self.levels = mmap.mmap(self.fd, LINES)
+        self.address = address_of(self.levels)
 
     def held(self, offset: int) -> bool:
         """Some process has the line requested."""
-        answer = fcntl.fcntl(self.fd, fcntl.F_OFD_GETLK, _lock(fcntl.F_WRLCK, offset))
-        return _LOCK.unpack(answer)[0] != fcntl.F_UNLCK
+        return fcntl.fcntl(self.fd, fcntl.F_OFD_GETLK, _LOCKS[offset])[0] != fcntl.F_UNLCK
 
     def level(self, offset: int) -> int:
         """1 where a line is driven high, 0 where it is low or nobody holds it (pulled down)."""
@@ -76,7 +85,7 @@ class _Bank:
         fd = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
         try:
             for i, offset in enumerate(offsets):
-                fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _lock(fcntl.F_WRLCK, offset))
+                fcntl.fcntl(fd, fcntl.F_OFD_SETLK, _LOCKS[offset])
                 self.levels[offset] = values >> i & 1
         except OSError as error:
             os.close(fd)
@@ -159,6 +168,8 @@ class FakeGpio:
             fd = bank.request(offsets, values)
             self._outputs[fd] = (bank, offsets)
             return fd
+        if (address, offsets[0]) in self._events:
+            self._events[address, offsets[0]].close()
         request = _Events(layout)
         self._events[address, offsets[0]] = request
         return request.fd
@@ -168,27 +179,27 @@ class FakeGpio:
         bank, offsets = self._outputs.get(fd, (None, ()))
         return bank is self._banks.get(address) and offset in offsets
 
+    def event_fd(self, address: str, offset: int) -> int:
+        """Descriptor that a driver was given for the events of this line; -1 before."""
+        request = self._events.get((address, offset))
+        return -1 if request is None else request.fd
+
     def push_edge(self, address: str, offset: int, timestamp_ns: int, edge: int) -> bool:
         """An edge (1 rising, 2 falling) at a line; False where nobody listens or the buffer is full (the kernel drops then, too)."""
         request = self._events.get((address, offset))
         if request is None:
             return False
-        request.sequence += 1
-        try:
-            if request.layout is EVENT_V1:
-                request.mine.send(EVENT_V1.pack(timestamp_ns, edge))
-            else:
-                request.mine.send(EVENT_V2.pack(timestamp_ns, edge, offset, request.sequence, request.sequence))
-        except OSError:
-            return False
-        return True
+        return request.push(timestamp_ns, edge, offset)
 
     def line_value(self, address: str, offset: int) -> int:
         """Level of a line: what is driven, or 0 (pulled down) where nobody holds it."""
         return self.bank(address).level(offset)
 
     def close(self) -> None:
-        """Unmaps the banks."""
+        """Unmaps the banks, ends the events."""
+        for request in self._events.values():
+            request.close()
+        self._events.clear()
         for bank in self._banks.values():
             bank.levels.close()
             os.close(bank.fd)

@@ -75,17 +75,18 @@ class FakeKernel(Kernel):
         if fd not in self._polled:
             self._poll.register(fd, select.POLLIN)
             self._polled.add(fd)
-        deadline = self.monotonic_ns() + round(timeout_s * 1e9)
-        if self._next_ns > self.monotonic_ns() and self._poll.poll(0):
+        now_ns = self.monotonic_ns()
+        if self._next_ns > now_ns and self._poll.poll(0):
             return True
+        deadline_ns = now_ns + round(timeout_s * 1e9)
         while True:
-            if self._next_ns > deadline:
-                self.wait_until(deadline)
+            if self._next_ns > deadline_ns:
+                self.wait_until(deadline_ns)
                 return bool(self._poll.poll(0))
-            self._sample()
+            fell = self._sample()
             while self._real and self._next_ns <= time.monotonic_ns():
-                self._sample()  # the loop was late: these edges came in the meantime
-            if self._poll.poll(0):
+                fell |= self._sample()  # the loop was late: these edges came in the meantime
+            if fell and fd == self.gpio.event_fd(*self.imu_line) or self._poll.poll(0):
                 return True
 
     def sample_of(self, edge_ns: int) -> int:
@@ -114,30 +115,32 @@ class FakeKernel(Kernel):
             self._sample()
         self.wait_until(moment_ns)
 
-    def _sample(self) -> None:
-        """One IMU sample: the world moves up to it, then its moment comes, then the chip takes it and raises its line."""
-        due_ns = self._next_ns
+    def _sample(self) -> bool:
+        """One IMU sample: the world moves up to it, then its moment comes, then the chip takes it; True where its driver got an edge."""
+        due_ns, real, world = self._next_ns, self._real, self.world
         if self.guard is not None:  # on virtual time it lives in here
             self.guard.step(due_ns)
-        enabled = self.motor_wiring.read(self.world.duty)
+        duty = world.duty
+        enabled = self.motor_wiring.read(duty)
         now_s = (due_ns - self.start_ns) * 1e-9
         if self.entrance is not None:
             self.entrance.serve(now_s, due_ns)
         self.operator.sample(now_s, due_ns, enabled)
-        world = self.world
-        world.advance(world.duty, enabled)
+        world.advance(duty, enabled)
         self.motor_wiring.show_encoders(world.counts)
         if world.samples % 40 == 1:
             self.motor_wiring.show_battery(world.battery_raw)
         self._next_ns = due_ns + SAMPLE_NS
+        if not real:
+            if due_ns > self._now_ns:
+                self._now_ns = due_ns
+            return self.chip.sample(world.packet, world.raw) and self.gpio.push_edge(*self.imu_line, due_ns, FALLING)
         self.wait_until(due_ns)
-        begin = time.perf_counter_ns() if self._real else 0
-        if self.chip.sample(world.packet, world.raw):
-            self.gpio.push_edge(*self.imu_line, due_ns, FALLING)
-        if self._real:
-            self._fake_row = world.truth_row
-            self.fake_ns[self._fake_row, 0] = time.perf_counter_ns() - begin
-            self.fake_ns[self._fake_row, 1] = 0
+        begin = time.perf_counter_ns()
+        fell = self.chip.sample(world.packet, world.raw) and self.gpio.push_edge(*self.imu_line, due_ns, FALLING)
+        self._fake_row = world.truth_row
+        self.fake_ns[self._fake_row] = time.perf_counter_ns() - begin, 0
+        return fell
 
     def charge(self, spent_ns: int) -> None:
         """Books time that a fake took inside the present tick."""

@@ -10,6 +10,7 @@ import math
 from mip_rt.errors import ConfigError
 
 FRAME_EVERY = 4  # IMU samples between frames of the remote: 20 ms, 50 frames a second
+FRAME_AT = 0  # which of them
 BUTTONS = {"none": 0, "triangle": 1, "circle": 2, "cross": 4, "square": 8}
 START_SELECT = 2
 RECOVER_EVERY = 240  # samples between presses of a recovery: acknowledge, arm; engaging takes half a second
@@ -32,10 +33,9 @@ class Operator:
     """
 
     def __init__(self, scenario, levels, world, send, press_button, injector):
-        self._events = sorted(scenario.events, key=lambda event: event.at_s)
+        self._events = sorted(scenario.events, key=lambda event: event.at_s)[::-1]  # the next one last
         self._levels = {round(level.yaw_rate_hz, 6): level for level in levels}
         self._world, self._send, self.press_button = world, send, press_button
-        self._next = 0
         self._injector = injector
         self._recoveries = self._recover_at = 0
         self._x = self._y = 0.0
@@ -58,17 +58,17 @@ class Operator:
 
     def sample(self, now_s: float, now_ns: int, enabled: bool) -> None:
         """Called once per IMU sample, before the sample is taken."""
-        while self._next < len(self._events) and self._events[self._next].at_s <= now_s:
-            self._do(self._events[self._next], now_ns)
-            self._next += 1
+        world = self._world
+        while self._events and self._events[-1].at_s <= now_s:
+            self._do(self._events.pop(), now_ns)
         if self._injector.until_ns <= now_ns:
             self._injector.end(now_ns)
-        if self._recoveries and self._world.samples >= self._recover_at:
+        if self._recoveries and world.samples >= self._recover_at:
             self._recover(now_ns, enabled)
         self._enabled = enabled
-        if enabled and self._world.held and not self._gripped:
-            self._world.release()
-        if self._send is not None and self._world.samples % FRAME_EVERY == 0 and now_s >= self.quiet_until_s:
+        if enabled and world.held and not self._gripped:
+            world.release()
+        if world.samples % FRAME_EVERY == FRAME_AT and self._send is not None and now_s >= self.quiet_until_s:
             self._send(self._x, self._y, BUTTONS[self._level.button], self._start_select)
             self._start_select = 0
 

@@ -6,6 +6,7 @@ duty is read up to its newline; a count's file is cut to its exact length.
 """
 
 import dataclasses
+import ctypes
 import mmap
 import os
 import shutil
@@ -18,28 +19,33 @@ I2C_2 = "4819c000"
 IMU_DRIVER = "inv-mpu6050-i2c"
 
 
+def address_of(mapping: mmap.mmap) -> int:
+    """Where a mapping begins."""
+    return ctypes.addressof(ctypes.c_char.from_buffer(mapping))
+
+
 class MappedFile:
-    """A small file that the fake writes or reads through a mapping."""
+    """A small file that the fake writes or reads through a mapping.
+
+    Attributes:
+        address: of the mapping; at least 4096 bytes.
+        fd: open on the file.
+    """
 
     def __init__(self, path: Path, content: bytes):
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(content)
-        self._fd = os.open(path, os.O_RDWR)
-        os.ftruncate(self._fd, 4096)
-        self._map = mmap.mmap(self._fd, 4096)
-        os.ftruncate(self._fd, len(content))
-        self._length = len(content)
+        self.fd = os.open(path, os.O_RDWR)
+        os.ftruncate(self.fd, 4096)
+        self._map = mmap.mmap(self.fd, 4096)
+        os.ftruncate(self.fd, len(content))
+        self.address = address_of(self._map)
 
     def put(self, content: bytes) -> None:
         """Replaces the content."""
-        length = len(content)
-        if length > self._length:
-            os.ftruncate(self._fd, length)
-        self._map[:length] = content
-        if length < self._length:
-            os.ftruncate(self._fd, length)
-        self._length = length
+        os.ftruncate(self.fd, len(content))
+        self._map[: len(content)] = content
 
     def number(self) -> int:
         """The number before the first newline."""
@@ -49,7 +55,7 @@ class MappedFile:
     def close(self) -> None:
         """Unmaps."""
         self._map.close()
-        os.close(self._fd)
+        os.close(self.fd)
 
 
 class FakeSysfs:
@@ -209,10 +215,15 @@ class FakeSysfs:
         """The mapped file of a channel, for reading it every sample."""
         return self._duties.get((address, channel))
 
+    @property
+    def counts_are_signed(self) -> bool:
+        """What a counter's file shows below zero: True for minus signs, False for numbers near 2^32."""
+        return self._encoder_interface == "tieqep"
+
     def set_count(self, index: int, value: int) -> None:
         """Shows a count at an encoder: unsigned 32 bits for the counter subsystem, signed for tieqep."""
         raw = value & 0xFFFFFFFF
-        if self.generation.encoders == "tieqep" and raw >= 1 << 31:
+        if self.counts_are_signed and raw >= 1 << 31:
             raw -= 1 << 32
         self.counts[index].put(b"%d\n" % raw)
 

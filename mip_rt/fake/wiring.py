@@ -1,5 +1,7 @@
 """The wires between the board's pins and the simulated robot: what the motor drivers make of PWM and lines, what the encoders show."""
 
+from mip_rt.compiled import direct
+from mip_rt.fake import pins
 from mip_rt.hardware.boards import GPIO
 
 
@@ -23,7 +25,12 @@ class Wiring:
         self._encoder_index = [channel - 1 for channel in config.encoders.channels]
         self._battery_channel = config.battery.adc_channel
         self._parts = None
-        self._shown = [None] * len(self._encoder_index)
+        self._counters, self._show_counts = pins.records(), direct(pins.show_counts)
+        p = self._counters[0]
+        wheels = p["wheels"] = len(self._encoder_index)
+        p["signed"] = sysfs.counts_are_signed
+        files = [self.count_file(wheel) for wheel in range(wheels)]
+        p["count_at"][:wheels], p["count_fd"][:wheels] = [file.address for file in files], [file.fd for file in files]
 
     def read(self, duty) -> bool:
         """Fills duty (wheels,) with the signed duties by wheel that the drivers see; returns whether they are enabled."""
@@ -61,11 +68,7 @@ class Wiring:
 
     def show_encoders(self, counts) -> None:
         """Puts the wheels' counts into the counters."""
-        for i, index in enumerate(self._encoder_index):
-            count = int(counts[i])
-            if count != self._shown[i]:
-                self._shown[i] = count
-                self._sysfs.set_count(index, count)
+        self._show_counts(self._counters, counts)
 
     def count_file(self, wheel: int):
         """The mapped file of a wheel's counter."""
@@ -82,7 +85,7 @@ class Wiring:
 
     def forget_shown(self) -> None:
         """Shows all counts anew at the next sample, after their files were changed."""
-        self._shown = [None, None, None]
+        self._counters["shown"], self._counters["length"] = pins.NEVER, -1
 
     def show_battery(self, raw: int) -> None:
         """Puts the battery's reading into the ADC."""

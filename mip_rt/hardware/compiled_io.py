@@ -100,7 +100,7 @@ else:
 
 
 @njit
-def _number(text, length):
+def number(text, length):
     """(number, 1) of decimal text up to a newline, or (0, 0) where it is none."""
     at = 0
     negative = length > 0 and text[0] == 45
@@ -118,8 +118,27 @@ def _number(text, length):
 
 
 @njit
+def decimal(value, text):
+    """Writes a number and a newline into `text`; returns how many bytes."""
+    rest = np.uint32(abs(value))  # 32 bits: dividing 64 by ten is a call on 32-bit ARM
+    digits = 1
+    power = np.uint32(10)
+    while digits < 10 and rest >= power:
+        power = np.uint32(power * np.uint32(10))
+        digits += 1
+    length = digits + 2 if value < 0 else digits + 1
+    text[0] = 45  # the minus sign; a first digit overwrites it
+    text[length - 1] = 10
+    for k in range(length - 2, length - 2 - digits, -1):
+        tenth = np.uint32(rest // np.uint32(10))
+        text[k] = 48 + (rest - tenth * np.uint32(10))
+        rest = tenth
+    return length
+
+
+@njit
 def _read(c, i):
-    value, good = _number(c.text, _pread(c.fd[i], c.text))
+    value, good = number(c.text, _pread(c.fd[i], c.text))
     if good == 1:
         moved = (value - c.raw[i] + HALF) % WRAP - HALF
         c.count[i] += moved
@@ -155,18 +174,8 @@ def read_counters(counters, rows, index):
 def _write(p, i, pulse):
     if pulse == p.written_ns[i]:
         return True
-    rest = np.uint32(pulse)  # 32 bits: dividing 64 by ten is a call on 32-bit ARM
-    digits = 1
-    power = np.uint32(10)
-    while digits < 10 and rest >= power:
-        power = np.uint32(power * np.uint32(10))
-        digits += 1
-    for k in range(digits - 1, -1, -1):
-        tenth = np.uint32(rest // np.uint32(10))
-        p.text[k] = 48 + (rest - tenth * np.uint32(10))
-        rest = tenth
-    p.text[digits] = 10
-    if _pwrite(p.fd[i], p.text, digits + 1) != digits + 1:
+    length = decimal(pulse, p.text)
+    if _pwrite(p.fd[i], p.text, length) != length:
         p.written_ns[i] = -1
         return False
     p.written_ns[i] = pulse

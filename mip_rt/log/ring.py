@@ -137,18 +137,20 @@ class Ring:
 
     def _seal(self) -> None:
         """Stores a checksum of every row and kept state, so that a reader of the finished file notices a flipped bit."""
-        geometry, view = self.geometry, memoryview(self._map)
-        for index in np.flatnonzero(self.rows["sequence"]).tolist():
-            row = self.buffer[index * self.row_bytes : (index + 1) * self.row_bytes]
-            self._store_seal(index, int(self.rows["sequence"][index]), zlib.crc32(row))
+        geometry, buffer, size = self.geometry, self.buffer, self.row_bytes
+        crc32, seals_at = zlib.crc32, geometry.seals_at
+        sequences = self.rows["sequence"]
+        written = np.flatnonzero(sequences)
+        for index, sequence in zip(written.tolist(), sequences[written].tolist()):
+            check = crc32(buffer[index * size : (index + 1) * size])
+            SEAL.pack_into(self._map, seals_at + index * SEAL.size, sequence, check, check ^ 0xFFFFFFFF)
+        view = memoryview(self._map)
         for slot in range(geometry.state_rows):
             at = geometry.states_at + slot * geometry.slot_bytes
             sequence = STATE_MARK.unpack_from(self._map, at)[0]
             if sequence:
-                self._store_seal(geometry.rows + slot, sequence, zlib.crc32(view[at : at + geometry.slot_bytes]))
-
-    def _store_seal(self, number: int, sequence: int, check: int) -> None:
-        SEAL.pack_into(self._map, self.geometry.seals_at + number * SEAL.size, sequence, check, check ^ 0xFFFFFFFF)
+                check = crc32(view[at : at + geometry.slot_bytes])
+                SEAL.pack_into(self._map, seals_at + (geometry.rows + slot) * SEAL.size, sequence, check, check ^ 0xFFFFFFFF)
 
 
 def remove_old_rings(folder: Path, pattern: str, keep: int = 1) -> None:

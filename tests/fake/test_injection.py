@@ -91,7 +91,7 @@ def test_same_seed_same_faults(tmp_path):
 def test_a_fault_does_not_change_the_worlds_noise(tmp_path):
     """Faults that draw from the world's generator would make every comparison with and without them worthless."""
     truths = []
-    for number, faults in enumerate(([], [(2.5, "serial_split", {}), (3.0, "clock_step", {}), (3.5, "interrupt_late", {"delay_s": 0.0})])):
+    for number, faults in enumerate(([], [(2.5, "serial_split", {"for_s": 0.5}), (3.0, "clock_step", {}), (3.5, "interrupt_late", {"delay_s": 0.0})])):
         with DryRun(tmp_path / str(number), scenario=script(*faults)) as dry:
             dry.run(5.0)
             truths.append(dry.bench.world.truth_rows[:900].tobytes())

@@ -1,0 +1,77 @@
+"""What the wires show at every sample, compiled: counts into the mapped counter files.
+
+The texts lie in memory that sysfs.MappedFile has mapped; the compiled code knows its addresses. A counter's file always has exactly the
+length of its text, as sysfs shows it.
+"""
+
+import ctypes
+import os
+
+import numpy as np
+
+from mip_rt.compiled import JIT_DISABLED, njit, numba, record_array
+from mip_rt.hardware.compiled_io import MOST, TEXT, WRAP, decimal
+
+NEVER = -(1 << 62)  # a count that was not shown yet
+SIGN_BIT = 1 << 31
+
+PINS = np.dtype(
+    [
+        ("wheels", "i8"),
+        ("signed", "i8"),  # 1: counters show signed numbers
+        ("count_at", "i8", (MOST,)),  # addresses of the texts
+        ("count_fd", "i8", (MOST,)),
+        ("shown", "i8", (MOST,)),
+        ("length", "i8", (MOST,)),  # of the counters' texts
+        ("text", "u1", (TEXT,)),
+    ],
+    align=True,
+)
+
+
+def records() -> np.ndarray:
+    """(1,) PINS without wires, as the compiled functions want it."""
+    made = np.zeros(1, PINS)
+    made["shown"], made["length"] = NEVER, -1
+    return made.view(np.recarray) if JIT_DISABLED else made
+
+
+if JIT_DISABLED:
+
+    def _put(address, text, length):
+        ctypes.memmove(int(address), text.ctypes.data, length)
+
+    def _cut(fd, length):
+        os.ftruncate(fd, length)
+
+else:
+    _C_MEMCPY = numba.types.ExternalFunction("memcpy", numba.uintp(numba.uintp, numba.uintp, numba.uintp))
+    _C_FTRUNCATE = numba.types.ExternalFunction("ftruncate", numba.int32(numba.int32, numba.intp))
+
+    @njit
+    def _put(address, text, length):
+        _C_MEMCPY(np.uintp(address), np.uintp(text.ctypes.data), np.uintp(length))
+
+    @njit
+    def _cut(fd, length):
+        _C_FTRUNCATE(np.int32(fd), np.intp(length))
+
+
+@njit([numba.void(record_array(PINS), numba.int64[::1])])
+def show_counts(pins, counts):
+    """Shows counts (wheels,): unsigned 32 bits for the counter subsystem, signed for tieqep. Only changes are written."""
+    p = pins[0]
+    for i in range(p.wheels):
+        if counts[i] == p.shown[i]:
+            continue
+        p.shown[i] = counts[i]
+        shown = counts[i] % WRAP
+        if p.signed == 1 and shown >= SIGN_BIT:
+            shown -= WRAP
+        length = decimal(shown, p.text)
+        if length > p.length[i]:
+            _cut(p.count_fd[i], length)
+        _put(p.count_at[i], p.text, length)
+        if length != p.length[i]:
+            _cut(p.count_fd[i], length)
+            p.length[i] = length
