@@ -156,8 +156,9 @@ def _sensors(p, s, normal):
     mbbr.accelerometer_into(s.x, s.acceleration, p.model, force)
     if s.held == 0:
         mbbr.encoder_rate_into(s.x, s.k[0])
-        shake = p.vibration_accel_m_s2 * min(math.hypot(s.k[0, 0], s.k[0, 1]) * 0.1, 1.0)
         for i in range(2):
+            # By the axis' own rate: an axis that hardly turns would otherwise show a constant force, which no vibration is.
+            shake = p.vibration_accel_m_s2 * min(abs(s.k[0, i]) * 0.1, 1.0)
             force[i] += shake * math.sin(p.rollers_per_ball_turn * s.body_angle_rad[i])
     plant.inertial_sensors(p, s, rate, force, normal)
     plant.dmp(p, s, s.x[0], s.x[1], s.x[2], normal, plant.SUBSTEPS * 0.001)
