@@ -14,11 +14,21 @@ REPORT = "report.html"
 
 def add_arguments(parser) -> None:
     """Declares the arguments."""
-    parser.add_argument("name", metavar="NAME|list|all", help="an experiment, or list (every table and figure with its status), or all")
+    parser.add_argument(
+        "name", metavar="NAME|list|all", help="an experiment, or list (every table and figure with its status), or all"
+    )
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of all randomness (default 1)")
     parser.add_argument("--quick", action="store_true", help="shorter runs: minutes become seconds, numbers are rougher")
-    parser.add_argument("--out", type=Path, default=Path("reproduce"), metavar="FOLDER", help="where pictures and the report go (default: ./reproduce)")
-    parser.add_argument("--json", action="store_true", help="print the numbers as one JSON object, and nothing else, on standard output")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("reproduce"),
+        metavar="FOLDER",
+        help="where pictures and the report go (default: ./reproduce)",
+    )
+    parser.add_argument(
+        "--json", action="store_true", help="print the numbers as one JSON object, and nothing else, on standard output"
+    )
     batch.add_arguments(parser)
 
 
@@ -52,15 +62,23 @@ def run(arguments) -> int:
         _print_list(known, arguments.json)
         return 0
     if arguments.name not in (*known, "all"):
-        raise ConfigError(f"there is no experiment {arguments.name!r}{nearest(arguments.name, known)}.", "mip-rt reproduce list names them.", "arguments")
+        raise ConfigError(
+            f"there is no experiment {arguments.name!r}{nearest(arguments.name, known)}.",
+            "mip-rt reproduce list names them.",
+            "arguments",
+        )
     try:
         arguments.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise ConfigError(f"{arguments.out} cannot be made: {error.strerror}.", "Name another folder: --out FOLDER.", "arguments") from error
+        raise ConfigError(
+            f"{arguments.out} cannot be made: {error.strerror}.", "Name another folder: --out FOLDER.", "arguments"
+        ) from error
     begin = time.monotonic()
     if arguments.name == "all":
         jobs = [(name, arguments.seed, arguments.quick, False) for name in known]
-        results = {job[0]: found for job, found in batch.completed(perform, jobs, "experiments", arguments.cluster, arguments.workers)}
+        results = {
+            job[0]: found for job, found in batch.completed(perform, jobs, "experiments", arguments.cluster, arguments.workers)
+        }
         results = {name: results[name] for name in known}
     else:
         results = {arguments.name: perform((arguments.name, arguments.seed, arguments.quick, not arguments.json))}
@@ -69,13 +87,16 @@ def run(arguments) -> int:
         from mip_rt.lab.papers import report
 
         files.append(arguments.out / REPORT)
-        files[-1].write_text(report.page(known, results, arguments.seed, arguments.quick, time.monotonic() - begin), encoding="utf-8")
+        files[-1].write_text(
+            report.page(known, results, arguments.seed, arguments.quick, time.monotonic() - begin), encoding="utf-8"
+        )
     if arguments.json:
         print(json.dumps({name: _plain(found) for name, found in results.items()}))
         return 0
     for name, found in results.items():
         _print_result(name, known[name], found, brief=arguments.name == "all")
-    print("wrote " + (str(files[-1]) if arguments.name == "all" else ", ".join(map(str, files))))
+    if files:
+        print("wrote " + (str(files[-1]) if arguments.name == "all" else ", ".join(map(str, files))))
     return 0
 
 
@@ -108,7 +129,9 @@ def _print_list(known, as_json: bool) -> None:
         for entry in listed:
             if entry.paper == paper:
                 print(f"  {entry.item:<10} {entry.experiment or '-- ' + entry.reason}")
-    print(f"{sum(1 for e in listed if e.experiment)} of {len(listed)} tables and figures, by {len(known)} experiments; run one with: mip-rt reproduce NAME")
+    print(
+        f"{sum(1 for e in listed if e.experiment)} of {len(listed)} tables and figures, by {len(known)} experiments; run one with: mip-rt reproduce NAME"
+    )
 
 
 def _print_result(name, experiment, found, brief: bool) -> None:
@@ -121,7 +144,9 @@ def _print_result(name, experiment, found, brief: bool) -> None:
     if found["rows"]:
         print(f"  {'':<{width}} {'ours':>10} {'published':>10}")
     for row in found["rows"]:
-        print(f"  {row['what']:<{width}} {number(row['ours'], row['digits']):>10} {number(row['published'], row['digits']):>10}  {row['verdict']}")
+        print(
+            f"  {row['what']:<{width}} {number(row['ours'], row['digits']):>10} {number(row['published'], row['digits']):>10}  {row['verdict']}"
+        )
     for claim in found["claims"]:
         print(f"  {'holds' if claim['holds'] else 'DOES NOT HOLD'}: {claim['text']}")
     for note in found["notes"]:

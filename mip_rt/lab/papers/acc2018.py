@@ -15,8 +15,15 @@ from mip_rt.models import mip, mip_yaw
 from mip_rt.robots import edumip_setup
 
 RATES_RAD_S = (0.0, 5.0, 10.0)
-LABELS = {"dmp": "DMP", "planar_kf": "Planar EKF", "ekf_printed": "High Yaw Rate EKF", "complementary": "Complementary Filter",
-          "complementary_kf": "Complementary KF", "ekf": "yaw EKF, corrected coefficients", "best": "yaw EKF + IMU's place"}  # fmt: skip
+LABELS = {
+    "dmp": "DMP",
+    "planar_kf": "Planar EKF",
+    "ekf_printed": "High Yaw Rate EKF",
+    "complementary": "Complementary Filter",
+    "complementary_kf": "Complementary KF",
+    "ekf": "yaw EKF, corrected coefficients",
+    "best": "yaw EKF + IMU's place",
+}
 PUBLISHED = {
     "dmp": (0.0148, 0.0115, 0.0129),
     "planar_kf": (0.0133, 0.0256, 0.1028),
@@ -99,12 +106,18 @@ def _without_bias(record, seed) -> tuple:
     """(gyro bias left by the calibration, RMS error of the printed yaw EKF on the same samples without it)."""
     rows, truth = record.rows, record.truth
     bias = float(np.mean(rows["gyro_rad_s"][:, 0] - truth["pitch_rate_rad_s"]))
-    config = configuration.load(configuration.default_path("edumip"), {**SETTINGS, "estimator.control": "ekf_printed", "estimator.shadows": "[]"})
+    config = configuration.load(
+        configuration.default_path("edumip"), {**SETTINGS, "estimator.control": "ekf_printed", "estimator.shadows": "[]"}
+    )
     p = edumip_setup.build(config)._arguments[2].view(np.recarray)[0].ekf
     state = mip_ekf.init(p, np.zeros(6), np.asarray(p.noise.P0[:6]))
-    mip_ekf.reset(p, state, rows["attitude_rad"][0, 0], rows["phi_rad"][0], rows["encoder_yaw_rad"][0], rows["gyro_rad_s"][0, 0] - bias, 0.0)
+    mip_ekf.reset(
+        p, state, rows["attitude_rad"][0, 0], rows["phi_rad"][0], rows["encoder_yaw_rad"][0], rows["gyro_rad_s"][0, 0] - bias, 0.0
+    )
     lean = np.zeros(len(rows))
-    y = np.stack([rows["phi_rad"], rows["gyro_rad_s"][:, 0] - bias, rows["acceleration_m_s2"][:, 1], rows["encoder_yaw_rad"]], axis=1)
+    y = np.stack(
+        [rows["phi_rad"], rows["gyro_rad_s"][:, 0] - bias, rows["acceleration_m_s2"][:, 1], rows["encoder_yaw_rad"]], axis=1
+    )
     for k in range(1, len(rows)):
         mip_ekf.step(p, state, rows["command_applied"][k - 1], y[k], mip_ekf.ALL_VALID)
         lean[k] = state.x[0]
@@ -135,7 +148,9 @@ def _outputs(record):
     for k in range(1, len(rows)):
         mip_yaw.output_into(states[k], rows["command_applied"][k - 1], c, out[k])
     out[0] = out[1]
-    measured = np.stack([rows["phi_rad"], rows["gyro_rad_s"][:, 0], rows["acceleration_m_s2"][:, 1], rows["encoder_yaw_rad"]], axis=1)
+    measured = np.stack(
+        [rows["phi_rad"], rows["gyro_rad_s"][:, 0], rows["acceleration_m_s2"][:, 1], rows["encoder_yaw_rad"]], axis=1
+    )
     return time_s - SETTLE_S, measured, out
 
 
@@ -175,28 +190,47 @@ def run(seed: int, quick: bool, progress) -> Result:
         _, measured, estimated = _outputs(record)
         offsets.append(float(np.mean(measured[:, 2] - estimated[:, 2])))
     result.claims = [
-        Claim("the robot balances at 0, 5 and 10 rad/s", not any(record.fell for _, plain, aware in records for record in (plain, aware))),
-        Claim("at 10 rad/s DMP and yaw EKF are at least three times better than planar and complementary filters",
-              3.0 * max(at10["dmp"], at10["ekf_printed"]) < min(at10["planar_kf"], at10["complementary"], at10["complementary_kf"])),
-        Claim("complementary filter and complementary KF are nearly the same at every rate",
-              all(abs(a - b) < 0.3 * a for a, b in zip(errors["complementary"], errors["complementary_kf"]))),
-        Claim(f"Fig. 5: at 10 rad/s the measured a_y lies off the yaw EKF's by the centrifugal 1.6 m/s^2 (here {offsets[2]:+.2f}, without spin {offsets[0]:+.2f})",
-              abs(offsets[2]) > 0.8 and abs(offsets[0]) < 0.4),
-    ]  # fmt: skip
+        Claim(
+            "the robot balances at 0, 5 and 10 rad/s",
+            not any(record.fell for _, plain, aware in records for record in (plain, aware)),
+        ),
+        Claim(
+            "at 10 rad/s DMP and yaw EKF are at least three times better than planar and complementary filters",
+            3.0 * max(at10["dmp"], at10["ekf_printed"]) < min(at10["planar_kf"], at10["complementary"], at10["complementary_kf"]),
+        ),
+        Claim(
+            "complementary filter and complementary KF are nearly the same at every rate",
+            all(abs(a - b) < 0.3 * a for a, b in zip(errors["complementary"], errors["complementary_kf"])),
+        ),
+        Claim(
+            "Fig. 5: at 10 rad/s the measured a_y lies off the yaw EKF's by the centrifugal 1.6 m/s^2 (here "
+            f"{offsets[2]:+.2f}, without spin {offsets[0]:+.2f})",
+            abs(offsets[2]) > 0.8 and abs(offsets[0]) < 0.4,
+        ),
+    ]
     bias, clean = _without_bias(records[0][1], seed)
     result.notes = [
-        "The paper's yaw EKF uses the printed digits. Their too strong θψ̇² terms hide the IMU's unmodelled place: with the corrected coefficients "
-        f"it errs by {at10['ekf']:.3f} rad at 10 rad/s. With the place modelled as well it errs by {at10['best']:.4f}, of which {CAMERA_RAD} are the camera's.",
-        f"Without spin the yaw EKF suffers from the gyro bias that the calibration left, {1e3 * bias:.1f} mrad/s here: with the paper's Q of 1e-11 for θ "
+        "The paper's yaw EKF uses the printed digits. Their too strong θψ̇² terms hide the IMU's unmodelled place: with "
+        "the corrected coefficients "
+        f"it errs by {at10['ekf']:.3f} rad at 10 rad/s. With the place modelled as well it errs by {at10['best']:.4f}, "
+        f"of which {CAMERA_RAD} are the camera's.",
+        f"Without spin the yaw EKF suffers from the gyro bias that the calibration left, {1e3 * bias:.1f} mrad/s here: "
+        "with the paper's Q of 1e-11 for θ "
         f"the filter believes the gyro. On the same samples without that bias it errs by {clean:.4f} rad (published 0.0133).",
     ]
     result.figures = [
-        Figure("acc-fig-4", "Fig. 4: estimated θ and the (simulated) motion capture", lambda f: _draw_lean(f, records, seed), (9, 8)),
-        Figure("acc-fig-5", "Fig. 5: measured against estimated outputs of the yaw EKF", lambda f: _draw_outputs(f, records), (11, 9)),
+        Figure(
+            "acc-fig-4", "Fig. 4: estimated θ and the (simulated) motion capture", lambda f: _draw_lean(f, records, seed), (9, 8)
+        ),
+        Figure(
+            "acc-fig-5", "Fig. 5: measured against estimated outputs of the yaw EKF", lambda f: _draw_outputs(f, records), (11, 9)
+        ),
     ]
     return result
 
 
 EXPERIMENTS = [
-    Experiment("acc-table-3", "acc2018", ("Table III", "Fig. 4", "Fig. 5"), "five estimators of θ at 0, 5 and 10 rad/s of yaw", run),
+    Experiment(
+        "acc-table-3", "acc2018", ("Table III", "Fig. 4", "Fig. 5"), "five estimators of θ at 0, 5 and 10 rad/s of yaw", run
+    ),
 ]

@@ -116,17 +116,32 @@ def _draw_raw(figure, t, found, reference):
 def run(seed: int, quick: bool, progress) -> Result:
     """Figs 2 to 4."""
     t, actual, found, reference = experiment(seed)
-    result = Result(settings={"lever arm": "0.5 m", "EKF": f"Q {Q_USED} (printed {Q_PRINTED}), R {R}, 100 Hz", "lags": "raw signals 0.05 s and 0.02 s (Fig. 4)",
-                              "offsets": "2.5 deg and 0.5 deg of tilt (text)", "gyro bias": "0.15 and 0.02 deg/s: read from the drift that the text calls significant; ours",
-                              "Fusion stand-in": f"complementary filter, {CORNER_RAD_S} rad/s, no lever arm", "motion": "the text's phases, amplitudes ours"})  # fmt: skip
+    result = Result(
+        settings={
+            "lever arm": "0.5 m",
+            "EKF": f"Q {Q_USED} (printed {Q_PRINTED}), R {R}, 100 Hz",
+            "lags": "raw signals 0.05 s and 0.02 s (Fig. 4)",
+            "offsets": "2.5 deg and 0.5 deg of tilt (text)",
+            "gyro bias": "0.15 and 0.02 deg/s: read from the drift that the text calls significant; ours",
+            "Fusion stand-in": f"complementary filter, {CORNER_RAD_S} rad/s, no lever arm",
+            "motion": "the text's phases, amplitudes ours",
+        }
+    )
     lags, errors, fast = {}, {}, slice(int(61 / rig.DT_S), int(77 / rig.DT_S))
     rest = slice(int(5 / rig.DT_S), int(19 / rig.DT_S))
-    published = {("BNO055", "Fusion stand-in"): 0.075, ("BNO055", "Kalman"): 0.075, ("MPU-9250", "Fusion stand-in"): 0.045, ("MPU-9250", "Kalman"): 0.025}
+    published = {
+        ("BNO055", "Fusion stand-in"): 0.075,
+        ("BNO055", "Kalman"): 0.075,
+        ("MPU-9250", "Fusion stand-in"): 0.045,
+        ("MPU-9250", "Kalman"): 0.025,
+    }
     for (name, method), middle in published.items():
         angle = found[name][1][method]
         lags[name, method] = lag_s(angle[fast], actual[fast])
         errors[name, method] = rms(np.degrees(angle - actual)[int(20 / rig.DT_S) :])
-        result.rows.append(Row(f"{name}, {method}: lag at 2 Hz (s; published: middle of the range)", lags[name, method], middle, 0.4))
+        result.rows.append(
+            Row(f"{name}, {method}: lag at 2 Hz (s; published: middle of the range)", lags[name, method], middle, 0.4)
+        )
         offset = float(np.degrees(np.mean(angle[rest] - actual[rest])))
         result.rows.append(Row(f"{name}, {method}: offset at rest (deg)", offset, 2.5 if name == "BNO055" else 0.75, 0.5))
         for phase, (begin, end) in PHASES.items():
@@ -138,15 +153,31 @@ def run(seed: int, quick: bool, progress) -> Result:
     drift = {name: abs(np.degrees(methods["Cumtrapz"] - actual)[-50:].mean()) for name, (_, methods) in found.items()}
     best = errors["MPU-9250", "Kalman"]
     result.claims = [
-        Claim("the EKF on the MPU-9250's raw signals has the smallest error of the four (the paper's hypothesis)", best == min(errors.values())),
+        Claim(
+            "the EKF on the MPU-9250's raw signals has the smallest error of the four (the paper's hypothesis)",
+            best == min(errors.values()),
+        ),
         Claim("its lag is 0.02 to 0.03 s", 0.015 < lags["MPU-9250", "Kalman"] < 0.035),
-        Claim("the EKF on the BNO055's raw signals lags at least twice as much: the lag is the sensor's", lags["BNO055", "Kalman"] > 2.0 * lags["MPU-9250", "Kalman"] - 0.005),
-        Claim("the integrated gyro drifts, the BNO055's significantly", drift["BNO055"] > 5.0 and drift["BNO055"] > 2.0 * drift["MPU-9250"]),
-        Claim("Fig. 4: the MPU-9250's transverse acceleration saturates at 2 g", bool(np.abs(found["MPU-9250"][0][:, 1]).max() >= 2.0 * rig.GRAVITY_M_S2 - 1e-6)),
-    ]  # fmt: skip
+        Claim(
+            "the EKF on the BNO055's raw signals lags at least twice as much: the lag is the sensor's",
+            lags["BNO055", "Kalman"] > 2.0 * lags["MPU-9250", "Kalman"] - 0.005,
+        ),
+        Claim(
+            "the integrated gyro drifts, the BNO055's significantly",
+            drift["BNO055"] > 5.0 and drift["BNO055"] > 2.0 * drift["MPU-9250"],
+        ),
+        Claim(
+            "Fig. 4: the MPU-9250's transverse acceleration saturates at 2 g",
+            bool(np.abs(found["MPU-9250"][0][:, 1]).max() >= 2.0 * rig.GRAVITY_M_S2 - 1e-6),
+        ),
+    ]
     result.notes = [
         f"With the printed Q (1e-5 for the acceleration) the same filter errs by {diverged:.2f} deg RMS against {best:.2f}: "
-        + ("it cannot follow a hand; an exponent's sign was probably lost." if diverged > 3.0 * best else "in this motion it does not diverge; the gyro carries it."),
+        + (
+            "it cannot follow a hand; an exponent's sign was probably lost."
+            if diverged > 3.0 * best
+            else "in this motion it does not diverge; the gyro carries it."
+        ),
         "BNO055's non-smooth fluctuations, which the authors put down to its automatic calibration, are not simulated.",
     ]
     result.figures = [
@@ -157,4 +188,12 @@ def run(seed: int, quick: bool, progress) -> Result:
     return result
 
 
-EXPERIMENTS = [Experiment("aoyagi-figs-2-4", "aoyagi-choi", ("Fig. 2", "Fig. 3", "Fig. 4"), "two IMUs and the pendulum EKF: sweeps, 2 Hz, 4 Hz, steps", run)]
+EXPERIMENTS = [
+    Experiment(
+        "aoyagi-figs-2-4",
+        "aoyagi-choi",
+        ("Fig. 2", "Fig. 3", "Fig. 4"),
+        "two IMUs and the pendulum EKF: sweeps, 2 Hz, 4 Hz, steps",
+        run,
+    )
+]

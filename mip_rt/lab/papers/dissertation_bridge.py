@@ -31,18 +31,31 @@ def run(seed: int, quick: bool, progress) -> Result:
         for frequency in frequencies:
             progress(len(found), len(MODES) * len(frequencies))
             found[mode, frequency] = variance(mode, frequency, seed, duration_s)
-    result = Result(settings={"robot": "shipped eduMIP: LQR, DMP+EKF, L 2.36 mH, friction and backlash", "duration": f"{duration_s:g} s of position hold",
-                              "bridge": "averaged drive/coast equations (dissertation-tables-4.4-4.5 compares them with the switched circuit)"})  # fmt: skip
+    result = Result(
+        settings={
+            "robot": "shipped eduMIP: LQR, DMP+EKF, L 2.36 mH, friction and backlash",
+            "duration": f"{duration_s:g} s of position hold",
+            "bridge": "averaged drive/coast equations (dissertation-tables-4.4-4.5 compares them with the switched circuit)",
+        }
+    )
     for (mode, frequency), value in found.items():
         result.rows.append(Row(f"{mode}, {frequency} Hz: variance of θ (mrad²)", 1e6 * value))
     braking, compensated, plain = MODES
     high = [f for f in frequencies if f >= 5000]
     result.claims = [
-        Claim("compensated, a coasting bridge balances about as well as a braking one (variance within a factor of 2) at every frequency",
-              all(0.5 < found[compensated, f] / found[braking, f] < 2.0 for f in frequencies)),
-        Claim("without compensation it is less stable at 5 kHz and above (at least 1.5 times the variance)", all(found[plain, f] > 1.5 * found[compensated, f] for f in high)),
-        Claim("without compensation it gets worse with the PWM frequency", found[plain, frequencies[-1]] > found[plain, frequencies[0]]),
-    ]  # fmt: skip
+        Claim(
+            "compensated, a coasting bridge balances about as well as a braking one (variance within a factor of 2) at every frequency",
+            all(0.5 < found[compensated, f] / found[braking, f] < 2.0 for f in frequencies),
+        ),
+        Claim(
+            "without compensation it is less stable at 5 kHz and above (at least 1.5 times the variance)",
+            all(found[plain, f] > 1.5 * found[compensated, f] for f in high),
+        ),
+        Claim(
+            "without compensation it gets worse with the PWM frequency",
+            found[plain, frequencies[-1]] > found[plain, frequencies[0]],
+        ),
+    ]
 
     def draw(figure):
         axes = figure.add_subplot()
@@ -54,16 +67,23 @@ def run(seed: int, quick: bool, progress) -> Result:
             for place, value in zip(places, values):
                 if not np.isfinite(value):
                     axes.text(place + 0.26 * (number - 1), top, "fell", ha="center", va="bottom")
-        axes.set(xticks=places, xticklabels=[str(f) for f in frequencies], xlabel="PWM frequency (Hz)", ylabel="Variance of θ (mrad²)")
+        axes.set(
+            xticks=places, xticklabels=[str(f) for f in frequencies], xlabel="PWM frequency (Hz)", ylabel="Variance of θ (mrad²)"
+        )
         axes.legend()
         axes.grid(alpha=0.3, axis="y")
 
     result.figures = [Figure("dissertation-fig-4.6", "Fig. 4.6: variance of the lean by bridge and PWM frequency", draw, (8, 5))]
-    result.notes = ["Published: compensation equals the brake everywhere but at 1000 Hz, where the authors suppose a limit cycle. No numbers are printed."]
+    result.notes = [
+        "Published: compensation equals the brake everywhere but at 1000 Hz, where the authors suppose a limit cycle. No numbers are printed."
+    ]
     return result
 
 
-CASES = {"the current flows on, i(t0) ≠ 0": (0.75, 0.2), "the current dies, i(t0) = 0": (0.35, 0.2)}  # duty, speed over no-load speed
+CASES = {
+    "the current flows on, i(t0) ≠ 0": (0.75, 0.2),
+    "the current dies, i(t0) = 0": (0.35, 0.2),
+}  # duty, speed over no-load speed
 PERIOD_T_R = 0.5
 
 
@@ -85,14 +105,29 @@ def waveform(u: float, omega_r: float, t_r: float, samples: int = 400):
 
 def pulse(seed: int, quick: bool, progress) -> Result:
     """Fig. 4.2: current and PWM over one period."""
-    result = Result(settings={"period": f"{PERIOD_T_R} electrical time constants", "speed": "0.2 of the no-load speed", "diodes": "no drop"})
+    result = Result(
+        settings={"period": f"{PERIOD_T_R} electrical time constants", "speed": "0.2 of the no-load speed", "diodes": "no drop"}
+    )
     curves = {}
     for name, (u, omega) in CASES.items():
         curves[name] = share, current = waveform(u, omega, PERIOD_T_R)
         mean = float(np.sum(0.5 * (current[1:] + current[:-1]) * np.diff(share)))
-        result.rows.append(Row(f"{name}: mean of the sampled current (i/i_s; published: (4.29), (4.30))", mean, motor.coast_current(u, omega, PERIOD_T_R), 1e-3, 5))
+        result.rows.append(
+            Row(
+                f"{name}: mean of the sampled current (i/i_s; published: (4.29), (4.30))",
+                mean,
+                motor.coast_current(u, omega, PERIOD_T_R),
+                1e-3,
+                5,
+            )
+        )
     on, dead = (curves[name][1] for name in CASES)
-    result.claims = [Claim("in the first case the current never dies, in the second it does before the period ends", bool(on.min() > 0.0 and dead[-1] == 0.0))]
+    result.claims = [
+        Claim(
+            "in the first case the current never dies, in the second it does before the period ends",
+            bool(on.min() > 0.0 and dead[-1] == 0.0),
+        )
+    ]
 
     def draw(figure):
         for place, (name, (share, current)) in enumerate(curves.items()):

@@ -32,7 +32,11 @@ def flywheel(seed: int, duration_s: float):
         for _ in range(SUBSTEPS):
             ball = ratio * rate
             sticking = 1.0 + (STICTION - 1.0) * np.exp(-((ball / STICTION_RATE_RAD_S) ** 2))
-            torque = p.torque_per_command_n_m * command - p.damping_n_m_s_rad * ball + friction.torque(ball, COULOMB_N_M * sticking, VISCOUS_N_M_S)
+            torque = (
+                p.torque_per_command_n_m * command
+                - p.damping_n_m_s_rad * ball
+                + friction.torque(ball, COULOMB_N_M * sticking, VISCOUS_N_M_S)
+            )
             rate += h * ratio * torque / FLYWHEEL_KG_M2
             angle += h * rate
     return t, u, seen
@@ -76,7 +80,10 @@ def run(seed: int, quick: bool, progress) -> Result:
         upper.plot(t, wanted, "k", lw=0.9, label="k1 u − K2 φ̇ (measured)")
         upper.plot(t, fitted, "C0", lw=0.9, label=f"fit, R² = {found[0][3]:.3f}")
         lower.plot(t, wanted - fitted, "C3", lw=0.7)
-        upper.set(ylabel="Torque (N·m)", title=f"a = J_f = {found[0][0]:.2e}, c = μc = {found[0][1]:.4f}, b = μv = {found[0][2]:.5f}, m = r_f/r = {ratio:.3f}")
+        upper.set(
+            ylabel="Torque (N·m)",
+            title=f"a = J_f = {found[0][0]:.2e}, c = μc = {found[0][1]:.4f}, b = μv = {found[0][2]:.5f}, m = r_f/r = {ratio:.3f}",
+        )
         lower.set(ylabel="Residual (N·m)", xlabel="Time (s)")
         upper.legend(fontsize=8)
         for axes in (upper, lower):
@@ -85,17 +92,36 @@ def run(seed: int, quick: bool, progress) -> Result:
 
     coulomb, fit = np.mean([f[1] for f in found]), np.mean([f[3] for f in found])
     return Result(
-        rows=[Row("μc, mean of both axes (N m)", coulomb, COULOMB_N_M, 0.15), Row("μv, mean of both axes (N m s/rad)", np.mean([f[2] for f in found]), VISCOUS_N_M_S),
-              Row("J_f (kg m²; simulated 6e-3)", np.mean([f[0] for f in found]), FLYWHEEL_KG_M2, 0.1), Row("R² of the fit", fit, 0.93, 0.1),
-              Row("μc by the printed regressor (5.37) (N m)", printed[1]), Row("printed μc times r_f/r (N m)", printed[1] * ratio)],
-        claims=[Claim("the regression finds the Coulomb friction that was simulated within 15 % (static friction, torque noise and the quantised encoder bend it)", abs(coulomb - COULOMB_N_M) < 0.15 * COULOMB_N_M),
-                Claim("the printed regressor (5.37) gives μc too small by r/r_f: its dimensions do not agree", abs(printed[1] * ratio / found[0][1] - 1.0) < 0.02)],
+        rows=[
+            Row("μc, mean of both axes (N m)", coulomb, COULOMB_N_M, 0.15),
+            Row("μv, mean of both axes (N m s/rad)", np.mean([f[2] for f in found]), VISCOUS_N_M_S),
+            Row("J_f (kg m²; simulated 6e-3)", np.mean([f[0] for f in found]), FLYWHEEL_KG_M2, 0.1),
+            Row("R² of the fit", fit, 0.93, 0.1),
+            Row("μc by the printed regressor (5.37) (N m)", printed[1]),
+            Row("printed μc times r_f/r (N m)", printed[1] * ratio),
+        ],
+        claims=[
+            Claim(
+                "the regression finds the Coulomb friction that was simulated within 15 % (static friction, torque noise and "
+                "the quantised encoder bend it)",
+                abs(coulomb - COULOMB_N_M) < 0.15 * COULOMB_N_M,
+            ),
+            Claim(
+                "the printed regressor (5.37) gives μc too small by r/r_f: its dimensions do not agree",
+                abs(printed[1] * ratio / found[0][1] - 1.0) < 0.02,
+            ),
+        ],
         figures=[Figure("dissertation-fig-5.3", "Fig. 5.3: regression fit of the friction model", draw, (9, 6))],
-        settings={"chirp": "amplitude 3, 0.1 to 2 Hz and back, 20 s", "truth": "published μc and μv", "flywheel": f"{FLYWHEEL_KG_M2} kg m², {FLYWHEEL_RADIUS_M} m (not stated; ours)",
-                  "static friction": f"{STICTION} times Coulomb's below {STICTION_RATE_RAD_S} rad/s (the text suspects it)", "torque noise": f"{TORQUE_NOISE} of a command",
-                  "encoder": f"{COUNTS:.0f} counts a turn of the ball; rate and acceleration by parabolas over 45 ms"},
+        settings={
+            "chirp": "amplitude 3, 0.1 to 2 Hz and back, 20 s",
+            "truth": "published μc and μv",
+            "flywheel": f"{FLYWHEEL_KG_M2} kg m², {FLYWHEEL_RADIUS_M} m (not stated; ours)",
+            "static friction": f"{STICTION} times Coulomb's below {STICTION_RATE_RAD_S} rad/s (the text suspects it)",
+            "torque noise": f"{TORQUE_NOISE} of a command",
+            "encoder": f"{COUNTS:.0f} counts a turn of the ball; rate and acceleration by parabolas over 45 ms",
+        },
         notes=["μv is a tenth of the back EMF's K2 and a small remainder of the fit: its relative error is large."],
-    )  # fmt: skip
+    )
 
 
 EXPERIMENTS = [Experiment("dissertation-fig-5.3", "dissertation", ("Fig. 5.3",), "friction identified with a flywheel", run)]

@@ -24,7 +24,13 @@ def table(seed: int, quick: bool, progress) -> Result:
         axes = omniwheels.wheel_axes(math.radians(alpha), beta)
         worst = max(worst, float(np.abs(axes.T @ axes - np.eye(3)).max()))
         printed = omniwheels.wheel_axes(math.radians(alpha), math.radians(published))
-        result.rows.append(Row(f"largest cosine between axes with the printed β, α = {alpha}°", float(np.abs(printed.T @ printed - np.eye(3)).max()), digits=2))
+        result.rows.append(
+            Row(
+                f"largest cosine between axes with the printed β, α = {alpha}°",
+                float(np.abs(printed.T @ printed - np.eye(3)).max()),
+                digits=2,
+            )
+        )
     result.claims = [Claim(f"the axes are orthogonal (largest cosine {worst:.1e})", worst < 1e-12)]
     result.notes = ["The printed angles stop an iteration early: they are off by up to 0.04 degrees."]
     return result
@@ -55,12 +61,17 @@ def motor(seed: int, quick: bool, progress) -> Result:
 
     spare = {gear: torque_at(gear, WANTED_RPM) for gear in GEARS}
     return Result(
-        rows=[Row("torque at 600 rpm, 12:1 (N m)", spare[12]), Row("stall torque at 12:1, 8 V (N m)", CONSTANT_12 * 8.0 / RESISTANCE_OHM, 0.176, 0.02)],
+        rows=[
+            Row("torque at 600 rpm, 12:1 (N m)", spare[12]),
+            Row("stall torque at 12:1, 8 V (N m)", CONSTANT_12 * 8.0 / RESISTANCE_OHM, 0.176, 0.02),
+        ],
         claims=[Claim("12:1 gives the 0.06 N m at 600 rpm that the text asks for", spare[12] >= WANTED_N_M)],
         figures=[Figure("dissertation-fig-2.10", "Fig. 2.10: torque against speed at 7.4 V", draw, (7, 5))],
-        settings={"motor": "R 3.385 ohm, 0.0742 N m/A at 12:1 (6.16); constant scales with the gear; losses in the gear not modelled",
-                  "gear ratios": "12:1 is the text's; 8, 16 and 24 are ours, the figure's others are not in the text"},
-    )  # fmt: skip
+        settings={
+            "motor": "R 3.385 ohm, 0.0742 N m/A at 12:1 (6.16); constant scales with the gear; losses in the gear not modelled",
+            "gear ratios": "12:1 is the text's; 8, 16 and 24 are ours, the figure's others are not in the text",
+        },
+    )
 
 
 EXPERIMENTS = [

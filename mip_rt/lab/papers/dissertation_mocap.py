@@ -1,17 +1,32 @@
 """Dissertation 6.4.3 and 6.4.4: estimation errors against motion capture, driving and spinning in place."""
 
-import numpy as np
-
 from mip_rt.lab.papers import mbbr_runs
 from mip_rt.lab.papers.experiment import Claim, Experiment, Figure, Result, Row
 from mip_rt.lab.papers.mbbr_runs import fly, see, spectrum
 
 WITHIN = 0.3
 # (drive m/s, yaw rate Hz): RMSE of theta in rad, of the ball speed in cm/s (Table 6.1)
-TABLE_6_1 = {(0.0, 0.0): (0.017, 8.3), (0.2, 0.0): (0.031, 9.6), (0.0, 0.5): (0.056, 13.0), (0.0, 1.0): (0.065, 19.0),
-             (0.1, 0.25): (0.036, 9.9), (0.1, 0.5): (0.057, 14.0), (0.05, 1.0): (0.077, 21.0)}  # fmt: skip
+TABLE_6_1 = {
+    (0.0, 0.0): (0.017, 8.3),
+    (0.2, 0.0): (0.031, 9.6),
+    (0.0, 0.5): (0.056, 13.0),
+    (0.0, 1.0): (0.065, 19.0),
+    (0.1, 0.25): (0.036, 9.9),
+    (0.1, 0.5): (0.057, 14.0),
+    (0.05, 1.0): (0.077, 21.0),
+}
 FIGURES = {(0.2, 0.0): "6.9", (0.1, 0.25): "6.10", (0.1, 0.5): "6.11", (0.05, 1.0): "6.12"}
-SPINS = {0.0: "6.15", -1.5: "6.16", -1.0: "6.17", -0.75: "6.18", -0.5: "6.19", 0.5: "6.20", 0.75: "6.21", 1.0: "6.22", 1.5: "6.23"}
+SPINS = {
+    0.0: "6.15",
+    -1.5: "6.16",
+    -1.0: "6.17",
+    -0.75: "6.18",
+    -0.5: "6.19",
+    0.5: "6.20",
+    0.75: "6.21",
+    1.0: "6.22",
+    1.5: "6.23",
+}
 SHADOWS = {"estimator.control": "dmp_ekf", "estimator.shadows": "[ekf, ekf_printed, kf, dmp_kf]"}
 
 
@@ -24,7 +39,10 @@ def _draw_against(figure, seen, name, label):
     panels = figure.subplots(2, 2)
     tilt, rate = seen.estimates[name]
     for axis, letter in enumerate("xy"):
-        for axes, ours, theirs, unit in ((panels[0, axis], tilt, seen.tilt_rad, f"θ{letter} (rad)"), (panels[1, axis], rate, seen.rate_rad_s, f"φ̇{letter} (rad/s)")):
+        for axes, ours, theirs, unit in (
+            (panels[0, axis], tilt, seen.tilt_rad, f"θ{letter} (rad)"),
+            (panels[1, axis], rate, seen.rate_rad_s, f"φ̇{letter} (rad/s)"),
+        ):
             axes.plot(seen.time_s, theirs[:, axis], "0.6" if axes in panels[1] else "k", lw=0.8, label="mocap (simulated)")
             axes.plot(seen.time_s, ours[:, axis], "C0", lw=0.8, label=label)
             axes.set_ylabel(unit)
@@ -67,19 +85,35 @@ def table(seed: int, quick: bool, progress) -> Result:
         result.rows.append(Row(f"{name}: RMSE of the ball speed, corrected EKF (cm/s)", corrected[1]))
     result.claims = [
         Claim("the robot balances in all conditions", not fell),
-        Claim("tilt and speed errors grow with the yaw rate", all(errors[0.0, 0.0][k] < errors[0.0, 0.5][k] < errors[0.0, 1.0][k] for k in (0, 1))),
+        Claim(
+            "tilt and speed errors grow with the yaw rate",
+            all(errors[0.0, 0.0][k] < errors[0.0, 0.5][k] < errors[0.0, 1.0][k] for k in (0, 1)),
+        ),
     ]
     result.notes = [
-        "The robot here is controlled by DMP+EKF with the shipped gains: with the gains (6.29) of the preliminary experiment the corrected model diverges slowly "
+        "The robot here is controlled by DMP+EKF with the shipped gains: with the gains (6.29) of the preliminary "
+        "experiment the corrected model diverges slowly "
         "(errata, section E). The EKF in question runs in shadow on the same samples.",
-        f"Driving straight, the printed 410 (for 502 by the paper's own constants) bends the tilt by {errors[0.2, 0.0][0]:.2f} rad; with it corrected the EKF errs by "
+        f"Driving straight, the printed 410 (for 502 by the paper's own constants) bends the tilt by {errors[0.2, 0.0][0]:.2f} "
+        "rad; with it corrected the EKF errs by "
         f"{seen[0.2, 0.0].errors('ekf')[0]:.3f} rad (published 0.031): the robot of the paper cannot have flown the printed digit.",
     ]
     result.figures = [
-        Figure(f"dissertation-fig-{number}", f"Fig. {number}: EKF (printed digits) against mocap, {_condition(*condition)}",
-               lambda f, s=seen[condition]: _draw_against(f, s, "ekf_printed", "EKF (printed digits)"))
-        for condition, number in FIGURES.items() if condition in seen
-    ] + [Figure("dissertation-fig-6.13", "Fig. 6.13: spectrum of φ̇x, driving at 20 cm/s", lambda f: _draw_spectrum(f, seen[0.2, 0.0]), (8, 4.5))]  # fmt: skip
+        Figure(
+            f"dissertation-fig-{number}",
+            f"Fig. {number}: EKF (printed digits) against mocap, {_condition(*condition)}",
+            lambda f, s=seen[condition]: _draw_against(f, s, "ekf_printed", "EKF (printed digits)"),
+        )
+        for condition, number in FIGURES.items()
+        if condition in seen
+    ] + [
+        Figure(
+            "dissertation-fig-6.13",
+            "Fig. 6.13: spectrum of φ̇x, driving at 20 cm/s",
+            lambda f: _draw_spectrum(f, seen[0.2, 0.0]),
+            (8, 4.5),
+        )
+    ]
     return result
 
 
@@ -113,7 +147,9 @@ def _draw_spin(figure, seen):
             if name != "dmp_kf":
                 panels[1, axis].plot(t, rate[window, axis], color, lw=1)
                 panels[3, axis].plot(t, (rate - seen.rate_rad_s)[window, axis], color, lw=0.8)
-        for axes, label in zip(panels[:, axis], (f"θ{letter} (rad)", f"φ̇{letter} (rad/s)", f"error θ{letter}", f"error φ̇{letter}")):
+        for axes, label in zip(
+            panels[:, axis], (f"θ{letter} (rad)", f"φ̇{letter} (rad/s)", f"error θ{letter}", f"error φ̇{letter}")
+        ):
             axes.set_ylabel(label)
             axes.grid(alpha=0.3)
         panels[3, axis].set_xlabel("Time (s)")
@@ -140,22 +176,51 @@ def spin(seed: int, quick: bool, progress) -> Result:
     fast = [rate for rate in errors if abs(rate) >= 1.0]
     result.claims = [
         Claim("the robot holds its place at every rate", not fell),
-        Claim("at 1 Hz and more the DMP is more accurate in θ than EKF and KF", all(errors[r]["dmp_kf"][0] < min(errors[r]["ekf_printed"][0], errors[r]["kf"][0]) for r in fast)),
-        Claim("at 1 Hz and more the EKF as printed is more accurate in θ than the KF (published: significantly)", all(errors[r]["ekf_printed"][0] < errors[r]["kf"][0] for r in fast)),
-        Claim("at 1 Hz and more the corrected EKF is more accurate in θ than the KF", all(errors[r]["ekf"][0] < errors[r]["kf"][0] for r in fast)),
-        Claim("EKF and KF have almost the same error of φ̇ (within 20 %) at every rate", all(abs(f["ekf_printed"][1] - f["kf"][1]) < 0.2 * f["kf"][1] for f in errors.values())),
+        Claim(
+            "at 1 Hz and more the DMP is more accurate in θ than EKF and KF",
+            all(errors[r]["dmp_kf"][0] < min(errors[r]["ekf_printed"][0], errors[r]["kf"][0]) for r in fast),
+        ),
+        Claim(
+            "at 1 Hz and more the EKF as printed is more accurate in θ than the KF (published: significantly)",
+            all(errors[r]["ekf_printed"][0] < errors[r]["kf"][0] for r in fast),
+        ),
+        Claim(
+            "at 1 Hz and more the corrected EKF is more accurate in θ than the KF",
+            all(errors[r]["ekf"][0] < errors[r]["kf"][0] for r in fast),
+        ),
+        Claim(
+            "EKF and KF have almost the same error of φ̇ (within 20 %) at every rate",
+            all(abs(f["ekf_printed"][1] - f["kf"][1]) < 0.2 * f["kf"][1] for f in errors.values()),
+        ),
     ]
     result.notes = ["Fig. 6.14 prints no numbers that could be read from the text; the claims are those of section 6.4.4."]
-    result.figures = [Figure("dissertation-fig-6.14", "Fig. 6.14: RMS estimation errors by yaw rate", lambda f: _draw_rms(f, errors), (10, 4.5))] + [
-        Figure(f"dissertation-fig-{SPINS[rate]}", f"Fig. {SPINS[rate]}: estimates against mocap and their errors at {rate:g} Hz", lambda f, s=seen[rate]: _draw_spin(f, s), (10, 8))
+    result.figures = [
+        Figure("dissertation-fig-6.14", "Fig. 6.14: RMS estimation errors by yaw rate", lambda f: _draw_rms(f, errors), (10, 4.5))
+    ] + [
+        Figure(
+            f"dissertation-fig-{SPINS[rate]}",
+            f"Fig. {SPINS[rate]}: estimates against mocap and their errors at {rate:g} Hz",
+            lambda f, s=seen[rate]: _draw_spin(f, s),
+            (10, 8),
+        )
         for rate in rates
-    ]  # fmt: skip
+    ]
     return result
 
 
 EXPERIMENTS = [
-    Experiment("dissertation-table-6.1", "dissertation", ("Table 6.1", *(f"Fig. {n}" for n in (*FIGURES.values(), "6.13"))),
-               "EKF errors while driving and spinning", table),
-    Experiment("dissertation-fig-6.14", "dissertation", ("Fig. 6.14", *(f"Fig. {n}" for n in SPINS.values())),
-               "EKF, KF and DMP against motion capture by yaw rate", spin),
-]  # fmt: skip
+    Experiment(
+        "dissertation-table-6.1",
+        "dissertation",
+        ("Table 6.1", *(f"Fig. {n}" for n in (*FIGURES.values(), "6.13"))),
+        "EKF errors while driving and spinning",
+        table,
+    ),
+    Experiment(
+        "dissertation-fig-6.14",
+        "dissertation",
+        ("Fig. 6.14", *(f"Fig. {n}" for n in SPINS.values())),
+        "EKF, KF and DMP against motion capture by yaw rate",
+        spin,
+    ),
+]

@@ -18,7 +18,11 @@ R2 = {
     2: ((0.982, 0.985, 0.982, 0.980, 0.973), (0.979, 0.979, 0.973, 0.968, 0.959), (0.986, 0.985, 0.984, 0.982, 0.973)),
     3: ((0.962, 0.967, 0.949, 0.944, 0.929), (0.965, 0.959, 0.929, 0.902, 0.865), (0.982, 0.974, 0.965, 0.954, 0.913)),
 }
-R2_LINEAR = {1: (0.753, 0.746, 0.642, 0.470, 0.413), 2: (0.841, 0.844, 0.740, 0.628, 0.516), 3: (0.783, 0.713, 0.358, 0.315, 0.244)}
+R2_LINEAR = {
+    1: (0.753, 0.746, 0.642, 0.470, 0.413),
+    2: (0.841, 0.844, 0.740, 0.628, 0.516),
+    3: (0.783, 0.713, 0.358, 0.315, 0.244),
+}
 RMSE = {
     1: ((7.72, 6.70, 5.12, 5.44, 6.48), (6.95, 6.61, 5.76, 6.16, 7.69), (4.58, 4.65, 4.38, 5.47, 5.98)),
     2: ((6.16, 5.56, 5.39, 5.33, 5.93), (6.33, 6.41, 6.46, 6.50, 6.92), (5.16, 5.07, 4.85, 4.75, 5.65)),
@@ -30,10 +34,14 @@ WITHIN = 0.3
 SAMPLE_S = 0.01
 VOLTS = 8.0
 DIODE_V = 0.4  # a Schottky or body diode at these currents
-SENSOR_SHARE = 0.062  # ripple, commutation and sensor noise, of the stall current; calibrated so that the mean RMSE is the published 6.5 %
+SENSOR_SHARE = (
+    0.062  # ripple, commutation and sensor noise, of the stall current; calibrated so that the mean RMSE is the published 6.5 %
+)
 ENCODER_COUNTS = 1000  # E6-2500-250: 250 lines
 IDENTIFIED = 1.03  # resistance as the identification finds it: 3 % high
-INERTIA_S = 1.0  # mechanical time constant J R / k^2; calibrated so that the linear model's R^2 of motor 1 at 500 Hz is the published one
+INERTIA_S = (
+    1.0  # mechanical time constant J R / k^2; calibrated so that the linear model's R^2 of motor 1 at 500 Hz is the published one
+)
 FRICTION_SHARE = 0.03  # Coulomb friction, of the stall torque
 
 
@@ -108,12 +116,20 @@ def run(seed: int, quick: bool, progress) -> Result:
     """Tables 4.4 and 4.5, Figs 4.4 and 4.5."""
     duration_s = 30.0 if quick else 60.0
     frequencies = (1000, 20000) if quick else FREQUENCIES_HZ
-    result = Result(settings={
-        "measured": "models.switched_bridge: event-exact RL circuit, flywheel, Coulomb friction 3 % of stall torque",
-        "supply": f"{VOLTS} V (not stated; 2 cells)", "diodes": f"{DIODE_V} V each, unknown to the model (the paper neglects them)",
-        "flywheel": "mechanical time constant 1 s: calibrated so that the linear model's R^2 of motor 1 at 500 Hz is the published one (one value)",
-        "current noise": "6.2 % of the stall current: calibrated so that the mean RMSE is the published 6.5 % (one value for all motors and frequencies)", "encoder": "1000 counts a turn, speed by differences over 10 ms",
-        "identification": "resistance 3 % high", "samples": "100 Hz (not stated)"})  # fmt: skip
+    result = Result(
+        settings={
+            "measured": "models.switched_bridge: event-exact RL circuit, flywheel, Coulomb friction 3 % of stall torque",
+            "supply": f"{VOLTS} V (not stated; 2 cells)",
+            "diodes": f"{DIODE_V} V each, unknown to the model (the paper neglects them)",
+            "flywheel": "mechanical time constant 1 s: calibrated so that the linear model's R^2 of motor 1 at 500 Hz is the published "
+            "one (one value)",
+            "current noise": "6.2 % of the stall current: calibrated so that the mean RMSE is the published 6.5 % (one value for all motors "
+            "and frequencies)",
+            "encoder": "1000 counts a turn, speed by differences over 10 ms",
+            "identification": "resistance 3 % high",
+            "samples": "100 Hz (not stated)",
+        }
+    )
     table, figures = {}, []
     for number in MOTORS:
         for place, frequency in enumerate(frequencies):
@@ -122,36 +138,77 @@ def run(seed: int, quick: bool, progress) -> Result:
             table[number, frequency] = quality(measured, coast, stall), quality(measured, linear, stall)
             if (number, frequency) == (1, 20000):
                 figures = [
-                    Figure("dissertation-fig-4.4", "Fig. 4.4: the motor command", lambda f, a=(t, u): _draw_command(f, *a), (9, 3.5)),
-                    Figure("dissertation-fig-4.5", "Fig. 4.5: measured current against both models, motor 1, 20 kHz",
-                           lambda f, a=(t, u, measured, coast, linear, stall): _draw_currents(f, *a)),
-                ]  # fmt: skip
-    for index, (name, published, linear_published, digits) in enumerate((("R²", R2, R2_LINEAR, 3), ("RMSE (% of i_s)", RMSE, RMSE_LINEAR, 3))):
+                    Figure(
+                        "dissertation-fig-4.4", "Fig. 4.4: the motor command", lambda f, a=(t, u): _draw_command(f, *a), (9, 3.5)
+                    ),
+                    Figure(
+                        "dissertation-fig-4.5",
+                        "Fig. 4.5: measured current against both models, motor 1, 20 kHz",
+                        lambda f, a=(t, u, measured, coast, linear, stall): _draw_currents(f, *a),
+                    ),
+                ]
+    for index, (name, published, linear_published, digits) in enumerate(
+        (("R²", R2, R2_LINEAR, 3), ("RMSE (% of i_s)", RMSE, RMSE_LINEAR, 3))
+    ):
         for number in MOTORS:
             for frequency in frequencies:
                 column = FREQUENCIES_HZ.index(frequency)
                 coast, linear = table[number, frequency]
                 printed = float(np.median([driver[column] for driver in published[number]]))
-                result.rows.append(Row(f"{name}, coast model, motor {number}, {frequency} Hz (published: median of 3 drivers)", coast[index], printed,
-                                       WITHIN, digits))  # fmt: skip
-                result.rows.append(Row(f"{name}, linear model, motor {number}, {frequency} Hz (published: driver 1)", linear[index],
-                                       linear_published[number][column], WITHIN, digits))  # fmt: skip
+                result.rows.append(
+                    Row(
+                        f"{name}, coast model, motor {number}, {frequency} Hz (published: median of 3 drivers)",
+                        coast[index],
+                        printed,
+                        WITHIN,
+                        digits,
+                    )
+                )
+                result.rows.append(
+                    Row(
+                        f"{name}, linear model, motor {number}, {frequency} Hz (published: driver 1)",
+                        linear[index],
+                        linear_published[number][column],
+                        WITHIN,
+                        digits,
+                    )
+                )
     result.claims = [
-        Claim("the drive/coast model explains more than 86 % of the variance everywhere (published: all but one cell)", all(c[0] > 0.86 for c, _ in table.values())),
-        *(Claim(f"motor {n}: the linear model's R² falls by more than 0.1 between {frequencies[0]} and {frequencies[-1]} Hz",
-                table[n, frequencies[-1]][1][0] < table[n, frequencies[0]][1][0] - 0.1) for n in MOTORS),
-        Claim("the linear model's RMSE is at least twice the drive/coast model's everywhere", all(b[1] > 2.0 * a[1] for a, b in table.values())),
-    ]  # fmt: skip
-    result.notes = [f"Mean RMSE: drive/coast {np.mean([a[1] for a, _ in table.values()]):.1f} % of i_s (published 6.5), "
-                    f"linear {np.mean([b[1] for _, b in table.values()]):.1f} % (published 22.5).",
-                    "Motor 2 has an electrical time constant of 3.2 microseconds by Table 4.3, so that its current dies within every pulse up to 20 kHz: an ideal "
-                    "bridge then shows no dependence on the frequency. The published one does, so it is the drivers' switching times, or Table 4.3 is off for it.",
-                    "The three drivers differ only in the published columns: rise times and dead times, which would tell them apart, are not in the paper."]  # fmt: skip
+        Claim(
+            "the drive/coast model explains more than 86 % of the variance everywhere (published: all but one cell)",
+            all(c[0] > 0.86 for c, _ in table.values()),
+        ),
+        *(
+            Claim(
+                f"motor {n}: the linear model's R² falls by more than 0.1 between {frequencies[0]} and {frequencies[-1]} Hz",
+                table[n, frequencies[-1]][1][0] < table[n, frequencies[0]][1][0] - 0.1,
+            )
+            for n in MOTORS
+        ),
+        Claim(
+            "the linear model's RMSE is at least twice the drive/coast model's everywhere",
+            all(b[1] > 2.0 * a[1] for a, b in table.values()),
+        ),
+    ]
+    result.notes = [
+        f"Mean RMSE: drive/coast {np.mean([a[1] for a, _ in table.values()]):.1f} % of i_s (published 6.5), "
+        f"linear {np.mean([b[1] for _, b in table.values()]):.1f} % (published 22.5).",
+        "Motor 2 has an electrical time constant of 3.2 microseconds by Table 4.3, so that its current dies within "
+        "every pulse up to 20 kHz: an ideal "
+        "bridge then shows no dependence on the frequency. The published one does, so it is the drivers' switching "
+        "times, or Table 4.3 is off for it.",
+        "The three drivers differ only in the published columns: rise times and dead times, which would tell them apart, are not in the paper.",
+    ]
     result.figures = figures
     return result
 
 
 EXPERIMENTS = [
-    Experiment("dissertation-tables-4.4-4.5", "dissertation", ("Table 4.4", "Table 4.5", "Fig. 4.4", "Fig. 4.5"),
-               "drive/coast current model against a switched circuit, three motors, five PWM frequencies", run),
-]  # fmt: skip
+    Experiment(
+        "dissertation-tables-4.4-4.5",
+        "dissertation",
+        ("Table 4.4", "Table 4.5", "Fig. 4.4", "Fig. 4.5"),
+        "drive/coast current model against a switched circuit, three motors, five PWM frequencies",
+        run,
+    ),
+]

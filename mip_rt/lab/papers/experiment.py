@@ -103,7 +103,8 @@ class Result:
         return {
             "verdict": self.verdict,
             "rows": [
-                {"what": r.what, "ours": float(r.ours), "published": r.published, "digits": r.digits, "verdict": r.verdict} for r in self.rows
+                {"what": r.what, "ours": float(r.ours), "published": r.published, "digits": r.digits, "verdict": r.verdict}
+                for r in self.rows
             ],
             "claims": [{"text": c.text, "holds": bool(c.holds)} for c in self.claims],
             "settings": {k: str(v) for k, v in self.settings.items()},

@@ -28,7 +28,10 @@ def scene(moving: bool, seed: int, duration_s: float):
         push = 0.5 * np.sin(4.0 * t) + VIBRATION_M_S2 * random.normal(size=len(t))
     gyro = rate + GYRO_BIAS_RAD_S + GYRO_NOISE_RAD_S * random.normal(size=len(t))
     noise = ACCEL_NOISE_M_S2 * random.normal(size=(2, len(t)))
-    tilt = np.arctan2(GRAVITY_M_S2 * np.sin(angle) + push * np.cos(angle) + noise[0], GRAVITY_M_S2 * np.cos(angle) - push * np.sin(angle) + noise[1])
+    tilt = np.arctan2(
+        GRAVITY_M_S2 * np.sin(angle) + push * np.cos(angle) + noise[0],
+        GRAVITY_M_S2 * np.cos(angle) - push * np.sin(angle) + noise[1],
+    )
     return t, angle, gyro, tilt
 
 
@@ -58,9 +61,15 @@ def kalman_angle(gyro, tilt, measurement: float, bias: bool = True) -> np.ndarra
 def run(seed: int, quick: bool, progress) -> Result:
     """Fig. 6, static and dynamic."""
     duration_s = 60.0 if quick else 120.0
-    result = Result(settings={"sensors": f"MPU6050: {GYRO_NOISE_RAD_S} rad/s and {ACCEL_NOISE_M_S2} m/s² a sample (datasheet), bias {GYRO_BIAS_RAD_S} rad/s (datasheet, after calibration)",
-                              "motion": f"10 deg at 1.5 rad/s, 0.5 m/s² at 4 rad/s, vibration {VIBRATION_M_S2} m/s² (ours)", "rate": "100 Hz",
-                              "Kalman": f"Q {KALMAN}, R 1e-2 rad² (vibration included); the same in both scenes"})  # fmt: skip
+    result = Result(
+        settings={
+            "sensors": f"MPU6050: {GYRO_NOISE_RAD_S} rad/s and {ACCEL_NOISE_M_S2} m/s² a sample (datasheet), bias {GYRO_BIAS_RAD_S} "
+            "rad/s (datasheet, after calibration)",
+            "motion": f"10 deg at 1.5 rad/s, 0.5 m/s² at 4 rad/s, vibration {VIBRATION_M_S2} m/s² (ours)",
+            "rate": "100 Hz",
+            "Kalman": f"Q {KALMAN}, R 1e-2 rad² (vibration included); the same in both scenes",
+        }
+    )
     curves, error = {}, {}
     for moving in (False, True):
         t, angle, gyro, tilt = scene(moving, seed, duration_s)
@@ -78,15 +87,20 @@ def run(seed: int, quick: bool, progress) -> Result:
             result.rows.append(Row(f"{where}, {name}: shakiness, standard deviation of the error (deg)", error[moving, name][1]))
     kalman, plain = "Kalman, angle and bias", [f"complementary, α = {a:g}" for a in ALPHAS]
     result.claims = [
-        Claim("at rest the Kalman filter is more accurate than the complementary filter at either α", all(error[False, kalman][0] < error[False, p][0] for p in plain)),
+        Claim(
+            "at rest the Kalman filter is more accurate than the complementary filter at either α",
+            all(error[False, kalman][0] < error[False, p][0] for p in plain),
+        ),
         Claim("in motion the Kalman filter is more accurate", all(error[True, kalman][0] < error[True, p][0] for p in plain)),
         Claim("in motion the Kalman filter is less shaky", all(error[True, kalman][1] < error[True, p][1] for p in plain)),
         Claim("the integrated gyro drifts by more than 30 deg", error[False, "gyro integrated"][0] > 30.0),
     ]
     alone = error[False, "Kalman, angle alone"][0]
     result.notes = [
-        f"What makes the Kalman filter better is the estimated bias: with the angle as its only state (as the report describes it) it errs by {alone:.1f} deg at rest, "
-        f"{'more' if alone > error[False, plain[0]][0] else 'less'} than the complementary filter ({error[False, plain[0]][0]:.2f} deg): it then is one, with a gain that settles.",
+        "What makes the Kalman filter better is the estimated bias: with the angle as its only state (as the report "
+        f"describes it) it errs by {alone:.1f} deg at rest, "
+        f"{'more' if alone > error[False, plain[0]][0] else 'less'} than the complementary filter ({error[False, plain[0]][0]:.2f} "
+        "deg): it then is one, with a gain that settles.",
     ]
 
     def draw(figure):
@@ -112,4 +126,6 @@ def run(seed: int, quick: bool, progress) -> Result:
     return result
 
 
-EXPERIMENTS = [Experiment("lee-jung-fig-6", "lee-jung", ("Fig. 6",), "complementary against Kalman filter, static and dynamic", run)]
+EXPERIMENTS = [
+    Experiment("lee-jung-fig-6", "lee-jung", ("Fig. 6",), "complementary against Kalman filter, static and dynamic", run)
+]

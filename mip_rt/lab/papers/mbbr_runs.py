@@ -17,11 +17,14 @@ SETTLE_S = 3.0
 IMPERFECTIONS = {"dry_run.imu_misalignment_rad": "[0.0075, 0.0075, 0.0]", "dry_run.vibration_torque_n_m": 0.02}
 ALIGNMENT_RAD, POSITION_NOISE_M, CENTROID_M, CAMERA_HZ = 0.01, 0.9e-3, 0.03, 120.0
 EXPLAINED = {
-    "crooked IMU": "7.5 mrad about x and y: calibrated so that the EKF's tilt error at 1 Hz comes near the published one (one value for all runs)",
+    "crooked IMU": "7.5 mrad about x and y: calibrated so that the EKF's tilt error at 1 Hz comes near the published one (one "
+    "value for all runs)",
     "roller vibration": "0.02 N m a wheel, six roller passages a radian of the ball (Fig. 6.24)",
     "camera alignment": f"{ALIGNMENT_RAD} rad a tilt axis: calibrated so that the idle tilt error comes near the published 0.017 rad",
-    "camera noise": f"{1e3 * POSITION_NOISE_M} mm a sample at 120 Hz, differentiated by (6.25) with the missing 2: calibrated so that the idle speed error is the published 8.3 cm/s",
-    "marker centroid": f"{100 * CENTROID_M:g} cm beside the ball's axis, which (6.24) takes for zero; its speed error grows with the yaw rate; calibrated so that the 1 Hz speed error comes near the published 19 cm/s",
+    "camera noise": f"{1e3 * POSITION_NOISE_M} mm a sample at 120 Hz, differentiated by (6.25) with the missing 2: calibrated so "
+    "that the idle speed error is the published 8.3 cm/s",
+    "marker centroid": f"{100 * CENTROID_M:g} cm beside the ball's axis, which (6.24) takes for zero; its speed error grows with the "
+    "yaw rate; calibrated so that the 1 Hz speed error comes near the published 19 cm/s",
     "everything else": "shipped MBBR (config/mbbr.yaml): sensor noise (6.23), friction (5.3), drive/coast bridges, battery, DMP lag and noise",
 }
 ESTIMATORS = {"ekf_printed": "EKF (printed digits)", "ekf": "EKF (corrected)", "kf": "KF", "dmp_kf": "DMP"}
@@ -38,7 +41,9 @@ def square(speed_m_s: float, begin_s: float, end_s: float, side_s: float = 4.0) 
     """Events that drive a square."""
     sides = ((1, 0), (0, 1), (-1, 0), (0, -1))
     count = int((end_s - begin_s) / side_s)
-    return [Event(begin_s + side_s * k, speed_m_s=[speed_m_s * sides[k % 4][0], speed_m_s * sides[k % 4][1]]) for k in range(count)]
+    return [
+        Event(begin_s + side_s * k, speed_m_s=[speed_m_s * sides[k % 4][0], speed_m_s * sides[k % 4][1]]) for k in range(count)
+    ]
 
 
 def fly(rate_hz: float, speed_m_s: float, overrides: dict, duration_s: float, seed: int) -> Record:

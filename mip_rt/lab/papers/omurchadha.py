@@ -19,8 +19,12 @@ PROCESS = (1e-6, 1e-2)  # Q of the EKF a step, "tuned to track the data"
 # Of (10) on the lean: torque = kp lean + ki integral + kd lean rate, poles on the corrected model; see `pid_gains`.
 POLES = np.array([-15.0 + 10.0j, -15.0 - 10.0j, -1.0])
 P = planar.parameters()[0]
-SETTINGS = {"robot": "m_b 0.25 kg, r 3.5 cm, l 10 cm, I_b 8e-4 kg m², g 9.81 (not stated in the paper; ours)", "step": "5 ms held torque, Runge-Kutta inside",
-            "sensors": f"noise {GYRO_NOISE_RAD_S} rad/s and {TILT_NOISE} g a sample", "Q": f"{PROCESS} a step"}  # fmt: skip
+SETTINGS = {
+    "robot": "m_b 0.25 kg, r 3.5 cm, l 10 cm, I_b 8e-4 kg m², g 9.81 (not stated in the paper; ours)",
+    "step": "5 ms held torque, Runge-Kutta inside",
+    "sensors": f"noise {GYRO_NOISE_RAD_S} rad/s and {TILT_NOISE} g a sample",
+    "Q": f"{PROCESS} a step",
+}
 
 
 def pid_gains() -> np.ndarray:
@@ -87,12 +91,23 @@ def free(seed: int, quick: bool, progress) -> Result:
     change = abs(planar.energy(x, P) / planar.energy(states[0], P) - 1.0)
     lows = np.flatnonzero((states[1:-1, 1] < states[:-2, 1]) & (states[1:-1, 1] <= states[2:, 1])) + 1
     return Result(
-        rows=[Row("period of the motion (s)", float(np.mean(np.diff(t[lows])))), Row("relative change of the energy", change, digits=2),
-              Row("largest lean (rad; 2π − 1 by energy)", states[:, 1].max(), 2 * np.pi - 1.0, 0.01)],
-        claims=[Claim("both angles move periodically and stay bounded: the lean swings between 1 and 2π − 1 and comes back",
-                      bool(abs(states[lows, 1].min() - 1.0) < 0.01 and states[:, 1].max() < 2 * np.pi - 0.98)),
-                Claim("energy is conserved to 1e-6", change < 1e-6)],
-        figures=[Figure("omurchadha-fig-2", "Fig. 2: motion without torque from φ = 1", lambda f: draw_states(f, t, states), (8, 5))], settings=SETTINGS)  # fmt: skip
+        rows=[
+            Row("period of the motion (s)", float(np.mean(np.diff(t[lows])))),
+            Row("relative change of the energy", change, digits=2),
+            Row("largest lean (rad; 2π − 1 by energy)", states[:, 1].max(), 2 * np.pi - 1.0, 0.01),
+        ],
+        claims=[
+            Claim(
+                "both angles move periodically and stay bounded: the lean swings between 1 and 2π − 1 and comes back",
+                bool(abs(states[lows, 1].min() - 1.0) < 0.01 and states[:, 1].max() < 2 * np.pi - 0.98),
+            ),
+            Claim("energy is conserved to 1e-6", change < 1e-6),
+        ],
+        figures=[
+            Figure("omurchadha-fig-2", "Fig. 2: motion without torque from φ = 1", lambda f: draw_states(f, t, states), (8, 5))
+        ],
+        settings=SETTINGS,
+    )
 
 
 def stabilise(seed: int, quick: bool, progress) -> Result:
@@ -114,18 +129,47 @@ def stabilise(seed: int, quick: bool, progress) -> Result:
     _, by_printed_model, _ = simulate(lambda k, x: -wrong @ x, x0, duration_s)
     fell = {"τ = Kx with K of a textbook lqr": as_printed, "LQR designed on the printed (6)": by_printed_model}
     return Result(
-        rows=[Row("LQR: lean after 4 s (rad)", abs(by_lqr[-1, 1])), Row("LQR: wheel angle after 4 s (rad)", abs(by_lqr[-1, 0])),
-              Row("PID: lean after 4 s (rad)", abs(by_pid[-1, 1])), Row("PID: wheel rate after 4 s (rad/s)", abs(by_pid[-1, 2]))],
-        claims=[Claim("Fig. 3: LQR brings lean and wheel angle to zero", np.abs(by_lqr[-1]).max() < 0.1),
-                Claim("Fig. 4: PID brings the lean to zero", abs(by_pid[-1, 1]) < 5e-3),
-                Claim("Fig. 4: θ is not controlled by the PID and runs away", abs(by_pid[-1, 0]) > 1.0),
-                *(Claim(f"{name} does not stabilise the corrected robot", not np.abs(path[-1, 1]) < 0.5) for name, path in fell.items())],
-        figures=[Figure("omurchadha-fig-3", "Fig. 3: LQR", lambda f: draw_states(f, t, by_lqr), (8, 5)),
-                 Figure("omurchadha-fig-4", "Fig. 4: PID on the lean; θ is not controlled", lambda f: draw_states(f, t, by_pid), (8, 5)),
-                 Figure("omurchadha-fig-3-printed", "The printed sign of (9), and a design on the printed (6)", lambda f: draw_states(f, t, as_printed, extra=(
-                     (0, by_printed_model[:, 0], "designed on the printed (6)"), (1, by_printed_model[:, 1], "designed on the printed (6)"))), (8, 5))],
-        settings={**SETTINGS, "LQR": f"tolerated {tolerated[0]} and 0.1 N m: K = {np.round(K, 4).tolist()}", "PID": f"kp {kp:.3f}, kd {kd:.4f}, ki {ki:.3f}"},
-    )  # fmt: skip
+        rows=[
+            Row("LQR: lean after 4 s (rad)", abs(by_lqr[-1, 1])),
+            Row("LQR: wheel angle after 4 s (rad)", abs(by_lqr[-1, 0])),
+            Row("PID: lean after 4 s (rad)", abs(by_pid[-1, 1])),
+            Row("PID: wheel rate after 4 s (rad/s)", abs(by_pid[-1, 2])),
+        ],
+        claims=[
+            Claim("Fig. 3: LQR brings lean and wheel angle to zero", np.abs(by_lqr[-1]).max() < 0.1),
+            Claim("Fig. 4: PID brings the lean to zero", abs(by_pid[-1, 1]) < 5e-3),
+            Claim("Fig. 4: θ is not controlled by the PID and runs away", abs(by_pid[-1, 0]) > 1.0),
+            *(
+                Claim(f"{name} does not stabilise the corrected robot", not np.abs(path[-1, 1]) < 0.5)
+                for name, path in fell.items()
+            ),
+        ],
+        figures=[
+            Figure("omurchadha-fig-3", "Fig. 3: LQR", lambda f: draw_states(f, t, by_lqr), (8, 5)),
+            Figure(
+                "omurchadha-fig-4", "Fig. 4: PID on the lean; θ is not controlled", lambda f: draw_states(f, t, by_pid), (8, 5)
+            ),
+            Figure(
+                "omurchadha-fig-3-printed",
+                "The printed sign of (9), and a design on the printed (6)",
+                lambda f: draw_states(
+                    f,
+                    t,
+                    as_printed,
+                    extra=(
+                        (0, by_printed_model[:, 0], "designed on the printed (6)"),
+                        (1, by_printed_model[:, 1], "designed on the printed (6)"),
+                    ),
+                ),
+                (8, 5),
+            ),
+        ],
+        settings={
+            **SETTINGS,
+            "LQR": f"tolerated {tolerated[0]} and 0.1 N m: K = {np.round(K, 4).tolist()}",
+            "PID": f"kp {kp:.3f}, kd {kd:.4f}, ki {ki:.3f}",
+        },
+    )
 
 
 def test_data(seed: int, quick: bool, progress) -> Result:
@@ -156,9 +200,16 @@ def test_data(seed: int, quick: bool, progress) -> Result:
         panels[3].set_xlabel("Time (s)")
         figure.tight_layout()
 
-    return Result(rows=[Row("EKF: RMS error of φ (rad)", error), Row("accelerometer alone: RMS error of φ (rad)", rms(raw)), Row("EKF: RMS error of the rate (rad/s)", rate_error)],
-                  claims=[Claim("the EKF tracks the data with less than a third of the accelerometer's noise", error < rms(raw) / 3.0)],
-                  figures=[Figure("omurchadha-fig-5", "Fig. 5: EKF on noisy test data", draw, (8, 8))], settings=SETTINGS)  # fmt: skip
+    return Result(
+        rows=[
+            Row("EKF: RMS error of φ (rad)", error),
+            Row("accelerometer alone: RMS error of φ (rad)", rms(raw)),
+            Row("EKF: RMS error of the rate (rad/s)", rate_error),
+        ],
+        claims=[Claim("the EKF tracks the data with less than a third of the accelerometer's noise", error < rms(raw) / 3.0)],
+        figures=[Figure("omurchadha-fig-5", "Fig. 5: EKF on noisy test data", draw, (8, 8))],
+        settings=SETTINGS,
+    )
 
 
 def in_the_loop(seed: int, quick: bool, progress) -> Result:
@@ -178,19 +229,44 @@ def in_the_loop(seed: int, quick: bool, progress) -> Result:
             mip_2state_ekf.step(p, state, y, y, mip_2state_ekf.ALL_VALID)
             estimates[k] = state.x[:2]
             memory["sum"] += DT_S * state.x[0]
-            memory["torque"] = float(np.clip(kp * state.x[0] + kd * state.x[1] + ki * memory["sum"], -TORQUE_LIMIT_N_M, TORQUE_LIMIT_N_M))
+            memory["torque"] = float(
+                np.clip(kp * state.x[0] + kd * state.x[1] + ki * memory["sum"], -TORQUE_LIMIT_N_M, TORQUE_LIMIT_N_M)
+            )
             return memory["torque"]
 
         return *simulate(control, [0.0, 0.1, 0.0, 0.0], duration_s), estimates
 
     t, states, _, estimates = balanced(False)
     _, with_acceleration, _, _ = balanced(True)
-    return Result(rows=[Row("lean after the first second, RMS (rad)", rms(states[t > 1.0, 1])), Row("EKF error of the lean, RMS (rad)", rms(states[t > 1.0, 1] - estimates[t > 1.0, 0]))],
-                  claims=[Claim("the EKF in the loop keeps the lean near zero while θ is not controlled", bool(np.abs(states[t > 1.0, 1]).max() < 0.1))],
-                  notes=["(11) has no acceleration of the robot in the accelerometer. With it at the axle, the same loop "
-                         + ("still balances." if np.abs(with_acceleration[-1, 1]) < 0.5 else "falls: the filter takes the push of its own torque for a lean.")],
-                  figures=[Figure("omurchadha-fig-6", "Fig. 6: balancing on the EKF", lambda f: draw_states(f, t, states, extra=((1, estimates[:, 0], "EKF"),)), (8, 5))],
-                  settings=SETTINGS)  # fmt: skip
+    return Result(
+        rows=[
+            Row("lean after the first second, RMS (rad)", rms(states[t > 1.0, 1])),
+            Row("EKF error of the lean, RMS (rad)", rms(states[t > 1.0, 1] - estimates[t > 1.0, 0])),
+        ],
+        claims=[
+            Claim(
+                "the EKF in the loop keeps the lean near zero while θ is not controlled",
+                bool(np.abs(states[t > 1.0, 1]).max() < 0.1),
+            )
+        ],
+        notes=[
+            "(11) has no acceleration of the robot in the accelerometer. With it at the axle, the same loop "
+            + (
+                "still balances."
+                if np.abs(with_acceleration[-1, 1]) < 0.5
+                else "falls: the filter takes the push of its own torque for a lean."
+            )
+        ],
+        figures=[
+            Figure(
+                "omurchadha-fig-6",
+                "Fig. 6: balancing on the EKF",
+                lambda f: draw_states(f, t, states, extra=((1, estimates[:, 0], "EKF"),)),
+                (8, 5),
+            )
+        ],
+        settings=SETTINGS,
+    )
 
 
 EXPERIMENTS = [

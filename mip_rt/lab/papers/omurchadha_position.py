@@ -76,24 +76,47 @@ def animate(output, t, states, wanted) -> None:
         axes.set(xlim=(-1.5, 1.5), ylim=(-0.05, 0.35), aspect="equal", xlabel="x (m)", yticks=[], title=f"t = {t[k]:.1f} s")
         canvas.draw()
         frames.append(image.fromarray(np.asarray(canvas.buffer_rgba())[:, :, :3].copy()))
-    frames[0].save(output, format="GIF", save_all=True, append_images=frames[1:], duration=round(1000 * FRAME_EVERY * DT_S), loop=0)
+    frames[0].save(
+        output, format="GIF", save_all=True, append_images=frames[1:], duration=round(1000 * FRAME_EVERY * DT_S), loop=0
+    )
 
 
 def _result(number: int, name: str, path, seed: int, duration_s: float, judge) -> Result:
     t, states, wanted = follow(path, seed, duration_s)
     error = place_of(states) - wanted
     rows, claims = judge(t, error)
-    return Result(rows=rows, claims=claims, settings={**SETTINGS, "cascade": f"lean reference {X_GAIN} rad/m and {V_GAIN} rad s/m (ours), PD on the lean"},
-                  figures=[Figure(f"omurchadha-fig-{number}", f"Fig. {number}: {name} trajectory on the EKF", lambda f: _draw(f, t, states, wanted), (8, 7)),
-                           Figure(f"omurchadha-fig-{number}-animation", f"Animation of the {name} trajectory", lambda output: animate(output, t, states, wanted), kind="gif")])  # fmt: skip
+    return Result(
+        rows=rows,
+        claims=claims,
+        settings={**SETTINGS, "cascade": f"lean reference {X_GAIN} rad/m and {V_GAIN} rad s/m (ours), PD on the lean"},
+        figures=[
+            Figure(
+                f"omurchadha-fig-{number}",
+                f"Fig. {number}: {name} trajectory on the EKF",
+                lambda f: _draw(f, t, states, wanted),
+                (8, 7),
+            ),
+            Figure(
+                f"omurchadha-fig-{number}-animation",
+                f"Animation of the {name} trajectory",
+                lambda output: animate(output, t, states, wanted),
+                kind="gif",
+            ),
+        ],
+    )
 
 
 def step(seed: int, quick: bool, progress) -> Result:
     """Fig. 7: from x = 1 to x = -1."""
 
     def judge(t, error):
-        rows = [Row("distance from the goal at the end (m)", abs(error[-200:]).mean()), Row("largest overshoot (m)", float(max(0.0, -np.nanmin(error))))]
-        return rows, [Claim("the robot goes from x = 1 to x = -1 and stands there within 10 cm", bool(abs(error[-200:]).mean() < 0.1))]
+        rows = [
+            Row("distance from the goal at the end (m)", abs(error[-200:]).mean()),
+            Row("largest overshoot (m)", float(max(0.0, -np.nanmin(error)))),
+        ]
+        return rows, [
+            Claim("the robot goes from x = 1 to x = -1 and stands there within 10 cm", bool(abs(error[-200:]).mean() < 0.1))
+        ]
 
     return _result(7, "step", lambda t: (1.0, 0.0) if t < 1.0 else (-1.0, 0.0), seed, 12.0, judge)
 
@@ -104,9 +127,13 @@ def sine(seed: int, quick: bool, progress) -> Result:
 
     def judge(t, error):
         following = rms(error[t > 5.0])
-        return [Row("RMS distance from the sine after 5 s (m; amplitude 1)", following)], [Claim("the robot follows the sine (RMS below a quarter of the amplitude)", following < 0.25)]
+        return [Row("RMS distance from the sine after 5 s (m; amplitude 1)", following)], [
+            Claim("the robot follows the sine (RMS below a quarter of the amplitude)", following < 0.25)
+        ]
 
-    return _result(8, "sinusoidal", lambda t: (np.sin(omega * t), omega * np.cos(omega * t)), seed, 12.0 if quick else 20.0, judge)
+    return _result(
+        8, "sinusoidal", lambda t: (np.sin(omega * t), omega * np.cos(omega * t)), seed, 12.0 if quick else 20.0, judge
+    )
 
 
 def lean_pole() -> complex:

@@ -36,11 +36,14 @@ def _section(name, experiment, found, command) -> str:
         f'<td class="{"bad" if r["verdict"].startswith("no") else "good"}">{escape(r["verdict"])}</td></tr>'
         for r in found["rows"]
     )
-    claims = "".join(f'<li class="{"good" if c["holds"] else "bad"}">{"holds" if c["holds"] else "does not hold"}: {escape(c["text"])}</li>' for c in found["claims"])
+    claims = "".join(
+        f'<li class="{"good" if c["holds"] else "bad"}">{"holds" if c["holds"] else "does not hold"}: {escape(c["text"])}</li>'
+        for c in found["claims"]
+    )
     notes = "".join(f"<p>{escape(note)}</p>" for note in found["notes"])
     pictures = "".join(
         f'<figure><img alt="{escape(f["caption"])}" src="data:image/{f["kind"]};base64,{base64.b64encode(f["picture"]).decode()}">'
-        f'<figcaption>{escape(f["caption"])}</figcaption></figure>'
+        f"<figcaption>{escape(f['caption'])}</figcaption></figure>"
         for f in found["figures"]
     )
     settings = "".join(f"<tr><td>{escape(k)}</td><td>{escape(v)}</td></tr>" for k, v in found["settings"].items())
@@ -59,22 +62,32 @@ def page(experiments, results, seed: int, quick: bool, elapsed_s: float) -> str:
         results: {name: packed result}; experiments that were not run are listed without.
     """
     flags = f" --seed {seed}" + (" --quick" if quick else "")
-    body = [f"<h1>Five papers, run again</h1><p>mip-rt {__version__}, <code>mip-rt reproduce all{flags}</code>, {elapsed_s / 60:.1f} minutes. "
-            "Measured data of the papers is not available: wherever a paper measured, a simulation with named imperfections stands in its place. A verdict is derived from the "
-            "comparisons below it: <b>reproduced</b> if all hold, <b>partly</b> if some do.</p>"]  # fmt: skip
+    body = [
+        f"<h1>Five papers, run again</h1><p>mip-rt {__version__}, <code>mip-rt reproduce all{flags}</code>, {elapsed_s / 60:.1f} minutes. "
+        "Measured data of the papers is not available: wherever a paper measured, a simulation with named imperfections "
+        "stands in its place. A verdict is derived from the "
+        "comparisons below it: <b>reproduced</b> if all hold, <b>partly</b> if some do.</p>"
+    ]
     summary = "".join(
         f'<tr><td><a href="#{name}">{escape(name)}</a></td><td>{escape(e.title)}</td><td>{_verdict(results[name]["verdict"])}</td></tr>'
-        for name, e in experiments.items() if name in results
-    )  # fmt: skip
+        for name, e in experiments.items()
+        if name in results
+    )
     body.append(f"<table><tr><th>experiment</th><th></th><th>verdict</th></tr>{summary}</table>")
     listed = entries(experiments)
     for paper, (title, _) in PAPERS.items():
         body.append(f"<h2>{escape(title)}</h2>")
         lines = "".join(
-            f'<tr><td>{escape(e.item)}</td><td>{_link(e, results) if e.experiment else escape("not shown: " + e.reason)}</td></tr>' for e in listed if e.paper == paper
+            f"<tr><td>{escape(e.item)}</td><td>{_link(e, results) if e.experiment else escape('not shown: ' + e.reason)}</td></tr>"
+            for e in listed
+            if e.paper == paper
         )
         body.append(f"<details><summary>All numbered tables and figures</summary><table>{lines}</table></details>")
-        body += [_section(name, e, results[name], f"mip-rt reproduce {name}{flags}") for name, e in experiments.items() if e.paper == paper and name in results]
+        body += [
+            _section(name, e, results[name], f"mip-rt reproduce {name}{flags}")
+            for name, e in experiments.items()
+            if e.paper == paper and name in results
+        ]
     return f'<!doctype html><html lang="en"><meta charset="utf-8"><title>mip-rt reproduce</title><style>{STYLE}</style><body>{"".join(body)}</body></html>\n'
 
 
