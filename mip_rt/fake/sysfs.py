@@ -218,7 +218,7 @@ class FakeSysfs:
     @property
     def counts_are_signed(self) -> bool:
         """What a counter's file shows below zero: True for minus signs, False for numbers near 2^32."""
-        return self._encoder_interface == "tieqep"
+        return self.generation.encoders == "tieqep"
 
     def set_count(self, index: int, value: int) -> None:
         """Shows a count at an encoder: unsigned 32 bits for the counter subsystem, signed for tieqep."""
