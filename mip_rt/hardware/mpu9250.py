@@ -12,6 +12,7 @@ import struct
 from mip_rt.errors import ImuError
 from mip_rt.hardware import dmp
 from mip_rt.hardware import mpu9250_registers as r
+from mip_rt.hardware.bus_errors import explain
 from mip_rt.hardware.imu_status import (
     IMU_BACKLOG,
     IMU_BAD_NORM,
@@ -29,13 +30,6 @@ FROZEN_AFTER = 10  # equal packets in a row
 NORM_TOLERANCE = 0.01
 Q30 = float(1 << 30)
 HALF_WRITTEN_WAIT_S = 200e-6
-ERRNO_CURES = {
-    121: "Nothing answers at the address: check power and wiring of the IMU.",
-    110: "The bus timed out: SDA or SCL is held low, or the pull-ups are missing.",
-    5: "The bus controller reported an error: shorten the cable, add 2.2 kOhm pull-ups.",
-    11: "Another master holds the bus.",
-    16: "A kernel driver holds the IMU: unbind inv-mpu6050-i2c from 2-0068.",
-}
 _QUATERNION = struct.Struct(">4i")
 
 
@@ -71,7 +65,6 @@ class Mpu9250:
         self._kept = request, count_reply, replies  # the prepared transfers point into their buffers
         self._last = bytearray(r.PACKET_BYTES)
         self._equal = 0
-        self._quarrels = 0
         self.chip = ""
         self.backlog = 0
         self.counters = dict.fromkeys(("bus_errors", "misaligned", "overflows", "bad_norm", "frozen", "backlog", "resets"), 0)
@@ -101,9 +94,11 @@ class Mpu9250:
                 return action()
             except OSError as error:
                 if attempt == RETRIES - 1:
-                    cure = ERRNO_CURES.get(error.errno, "Check the I2C bus.")
-                    raise ImuError(f"the IMU's step '{name}' failed: {error}.", cure, "imu_bus") from error
+                    words, cure = explain(error)
+                    raise ImuError(f"the IMU's step '{name}' failed: {words}.", cure, "imu_bus") from error
                 self._kernel.sleep(0.01)
+            except ImuError as error:
+                raise ImuError(f"the IMU's step '{name}' failed: {error.sentence}", error.cure, error.code) from error
 
     def _reset(self) -> None:
         self._write(r.PWR_MGMT_1, r.H_RESET)

@@ -74,6 +74,10 @@ class PwmChannel:
             "pwm_refused",
         )
 
+    def read_back(self) -> dict:
+        """What the kernel says of the channel: period and duty_cycle in ns, enable, polarity; OSError where it says nothing."""
+        return {name: sysfs.read(self.folder / name) for name in ("period", "duty_cycle", "enable", "polarity")}
+
     @property
     def fd(self) -> int:
         """The open duty_cycle, to which pulses are written in ns; -1 before `start` and after `close`."""
