@@ -34,7 +34,7 @@ def examine(patient):
     model = patient.text("proc/device-tree/model") or "unknown"
     try:
         patient.pins = board(patient.config.board, patient.kernel)
-        yield ok("model", f"{model}; pin table {patient.pins.name}.")
+        yield _model(model, patient.pins.name)
     except HardwareError as error:
         yield as_check("model", error)
         return
@@ -42,6 +42,14 @@ def examine(patient):
     yield from _overlays(patient)
     yield _pads(patient)
     yield _gpio(patient)
+
+
+def _model(model: str, name: str):
+    if "BeagleBone" not in model:
+        return fail("model", f"this is {model}, the configuration names the board {name}.", "Run it on the BeagleBone; on a PC: mip-rt doctor --dry-run.")
+    if ("Blue" in model) != name.endswith("blue"):
+        return fail("model", f"this is {model}, the configuration names the board {name}: other pins.", "Set board to auto, or to the board's name.")
+    return ok("model", f"{model}; pin table {name}.")
 
 
 def _kernel(patient):

@@ -92,6 +92,8 @@ def _fifo(window):
         return fail("fifo", sentence, "Shorten the IMU's cable and check its supply; if the bus is slow (i2c.clock), mend that first.")
     if serious or counts["empty"] > 0.05 * reads:
         return warn("fifo", sentence, "Look at it again with the motors' supply off: noise on the bus comes from there.")
+    if counts["overflows"]:
+        return warn("fifo", sentence, "The board did not come round to reading for 160 ms: look for what keeps it busy (top), and at the layer realtime.")
     return ok("fifo", sentence)
 
 

@@ -129,7 +129,9 @@ def _write(patient, found):
     from mip_rt.config.edit import set_values
 
     values = {"motors.channels": channels, "motors.signs": signs}
-    if patient.person.agrees(f"Write motors.channels {channels} and motors.signs {signs} into {patient.config_path}? Type yes."):
+    if patient.config_path is None:
+        yield warn("written", f"found: motors.channels {channels}, motors.signs {signs}.", "A dry run changes only a file that --config names.")
+    elif patient.person.agrees(f"Write motors.channels {channels} and motors.signs {signs} into {patient.config_path}? Type yes."):
         set_values(patient.config_path, values)
         yield ok("written", f"motors.channels {channels} and motors.signs {signs} stand in {patient.config_path} now.")
     else:

@@ -33,7 +33,7 @@ def open_patient(arguments, interactive: bool):
 
         with fake_patient.opened(config, arguments.fault) as (bench, hands):
             patient = Patient(
-                bench.kernel, config, str(path), lambda: bench.guard, (bench.image_path, bench.image_sha256),
+                bench.kernel, config, arguments.config, lambda: bench.guard, (bench.image_path, bench.image_sha256),
                 arguments.remote or bench.remote.device, Person(hands) if interactive else None,
             )  # fmt: skip
             try:

@@ -11,7 +11,7 @@ class Patient:
 
     Attributes:
         kernel: hardware.kernel.Kernel.
-        config, config_path: configuration and its file.
+        config, config_path: configuration, and the file that may be changed; None in a dry run from the shipped one.
         start_guard: callable() -> guard_client.GuardClient, started when the motors are first looked at.
         image: (path, sha256) of another DMP image than the configuration's; None on a robot.
         remote_device: path of the remote's port.
@@ -22,7 +22,7 @@ class Patient:
 
     kernel: object
     config: object
-    config_path: str
+    config_path: str | None
     start_guard: object
     image: tuple | None = None
     remote_device: str | None = None

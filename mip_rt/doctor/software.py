@@ -74,9 +74,12 @@ def compiler_check(code: int, text: str):
         return fail("compiler", f"compiling three lines took more than {PROBE_S:g} s.", "Something else uses the CPU or the memory; look with top.")
     if code < 0 or "LLVM ERROR" in text:
         name = signal.Signals(-code).name if code < 0 else f"exit code {code}"
-        return fail("compiler", f"the compiler (LLVM) ended the process with {name}: {last}",
+        return fail("compiler", f"the compiler (LLVM) ended the process with {name}: {last.rstrip('.')}.",
                     "On 32-bit ARM LLVM aborts where it takes the CPU for a generic one: set NUMBA_CPU_NAME=cortex-a8.")  # fmt: skip
-    return fail("compiler", f"numba does not work: {last}", "Reinstall: sudo apt install --reinstall python3-numba python3-llvmlite.")
+    if "No module named" in last:
+        return fail("compiler", f"a package is missing: {last.rstrip('.')}.",
+                    "sudo apt install python3-numba; Debian 13 has none for 32-bit ARM: use Debian 12, or the second road in the README.")  # fmt: skip
+    return fail("compiler", f"numba does not work: {last.rstrip('.')}.", "Reinstall: sudo apt install --reinstall python3-numba python3-llvmlite.")
 
 
 def _existing(path) -> Path:

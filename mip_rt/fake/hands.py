@@ -97,7 +97,7 @@ class Hands:
         """Puts the robot upright on a stand, without a tremor."""
         world = self._bench.world
         self._bench.kernel.operator.grip()
-        world.lean_rad = [0.0] * len(world.lean_rad)
+        world.lean_rad = np.zeros_like(world.lean_rad)
         world.hold()
         if not self.restless:
             world.state[0].held = 2
