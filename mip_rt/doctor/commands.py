@@ -21,9 +21,7 @@ def run(arguments) -> int:
     from mip_rt.doctor import examination, report
 
     if "list" in arguments.fault:
-        from mip_rt.doctor.open_patient import faults_in_words
-
-        print(faults_in_words())
+        print(open_patient.faults_in_words())
         return 0
     tell = None if arguments.json else lambda layer, check: print(report.render(layer, check), flush=True)
     with open_patient.open_patient(arguments, arguments.interactive) as patient:

@@ -54,10 +54,8 @@ def open_bench(patient) -> MotorBench:
 
 def _read_back(patient, bench):
     period_ns = round(1e9 / patient.config.motor.pwm_frequency_hz)
-    wrong = []
-    for output, found in zip(patient.config.motors.channels, bench.read_back()):
-        wanted = {"period": str(period_ns), "duty_cycle": "0", "enable": "1", "polarity": "normal"}
-        wrong += [f"output {output}: {key} is {found[key]}, not {value}" for key, value in wanted.items() if found[key] != value]
+    outputs = patient.config.motors.channels
+    wrong = [f"output {output}: {sentence}" for output, found in zip(outputs, bench.differences()) for sentence in found]
     if wrong:
         return fail("pwm", "; ".join(wrong) + ".", "Stop other programs that use PWM; both channels of a chip share their period; then reboot.")
     return ok("pwm", f"{len(patient.config.motors.channels)} channels at {1e6 / period_ns:.0f} kHz, duty 0, read back.")

@@ -32,9 +32,9 @@ class MotorBench:
         self._motors.start()
         self._motors.attach(rows)
 
-    def read_back(self) -> list[dict]:
-        """By wheel: what the kernel says of its PWM channel."""
-        return self._motors.read_back()
+    def differences(self) -> list[list[str]]:
+        """By wheel: what the kernel says of its PWM channel and should not."""
+        return self._motors.differences()
 
     def pulse(self, wheel: int, duty: float, seconds: float, watch=None) -> None:
         """Turns one motor for a moment; afterwards, however it ends, the enable line is low and all duties are zero.

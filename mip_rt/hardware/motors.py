@@ -56,9 +56,9 @@ class Motors:
             channel.start(self._period_ns)
         self._pulses["fd"][0, : len(self._pwm)] = [channel.fd for channel in self._pwm]
 
-    def read_back(self) -> list[dict]:
-        """By wheel: what the kernel says of its PWM channel."""
-        return [channel.read_back() for channel in self._pwm]
+    def differences(self) -> list[list[str]]:
+        """By wheel: what the kernel says of its PWM channel and should not, while all are off."""
+        return [channel.differences(self._period_ns) for channel in self._pwm]
 
     def attach(self, rows) -> None:
         """Takes pulses from these rows of frames and notes there what was applied."""

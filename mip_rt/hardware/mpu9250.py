@@ -87,6 +87,22 @@ class Mpu9250:
         for address, data in dmp.feature_writes(s.dmp_orientation, s.accel_range_g, self._rate_hz):
             self._step(f"DMP feature at {address}", lambda a=address, d=data: self._write_memory(a, d))
         self._step("start the FIFO", self.recover)
+        self._step("verify the settings", lambda: self._verify(image))
+
+    def _verify(self, image: bytes) -> None:
+        """The chip has kept what it was given: it has not lost its power in between."""
+        s = self._settings
+        expected = [
+            (r.GYRO_CONFIG, bytes((r.GYRO_RANGE_CODES[s.gyro_range_dps] << 3, r.ACCEL_RANGE_CODES[s.accel_range_g] << 3))),
+            (r.USER_CTRL, bytes((r.USER_DMP_EN | r.USER_FIFO_EN, 0x01, 0x00))),
+            (r.PRGM_START_H, bytes((r.DMP_START >> 8, r.DMP_START & 0xFF))),
+        ]
+        wrong = [register for register, values in expected if self._read(register, len(values)) != values]
+        self._write(r.BANK_SEL, 0, 0)
+        if not wrong and self._read(r.MEM_R_W, dmp.CHUNK) == image[: dmp.CHUNK]:
+            return
+        place = f"register 0x{wrong[0]:02x}" if wrong else "the DMP's memory"
+        raise ImuError(f"{place} has lost what was written.", "The IMU's supply fails for moments: check its plug and its 3.3 V.", "imu_settings")
 
     def _step(self, name: str, action) -> None:
         for attempt in range(RETRIES):

@@ -74,9 +74,11 @@ class PwmChannel:
             "pwm_refused",
         )
 
-    def read_back(self) -> dict:
-        """What the kernel says of the channel: period and duty_cycle in ns, enable, polarity; OSError where it says nothing."""
-        return {name: sysfs.read(self.folder / name) for name in ("period", "duty_cycle", "enable", "polarity")}
+    def differences(self, period_ns: int) -> list[str]:
+        """What the kernel says of the channel and should not, after `start`; OSError where it says nothing."""
+        wanted = {"period": str(period_ns), "duty_cycle": "0", "enable": "1", "polarity": "normal"}
+        found = {name: sysfs.read(self.folder / name) for name in wanted}
+        return [f"{name} is {found[name]}, not {value}" for name, value in wanted.items() if found[name] != value]
 
     @property
     def fd(self) -> int:
