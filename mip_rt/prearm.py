@@ -97,7 +97,6 @@ class PreArm:
     def __init__(self, config, devices, calibration, unit_file, log_folder, self_test):
         self._config, self._devices, self._calibration = config, devices, calibration
         self._unit_file, self._log_folder, self._self_test = unit_file, log_folder, self_test
-        self._encoder_errors = [0] * len(devices.encoders)
         self.scheduling = None
 
     def check(self, now_s: float, started: bool, rate_hz: float) -> list[Refusal]:
@@ -132,8 +131,7 @@ class PreArm:
         devices, battery = self._devices, self._config.battery
         wanted_hz, tolerance = self._config.realtime.rate_hz, self._config.limits.rate_tolerance
         for i, encoder in enumerate(devices.encoders):
-            if encoder.errors != self._encoder_errors[i]:
-                self._encoder_errors[i] = encoder.errors
+            if encoder.failing:
                 yield refusal("encoder_errors", f"the encoder of wheel {i + 1} does not answer.")
         if math.isnan(devices.battery_v):
             yield refusal("battery_unknown")

@@ -84,9 +84,9 @@ def check_reactions(limits, dt_s: float, transitions=TRANSITIONS):
             yield "the motors do not go on while balancing"
             return
         status, limit, alarm = _inputs(row.conditions)
-        guard = LOST if row.conditions & Condition.GUARD_LOST else LINE_DROPPED if row.conditions & Condition.GUARD_DROPPED else OK
         if row.conditions & (Condition.MOTOR_ERROR | Condition.IMU_BAD) == 0 and not status:
             status = IMU_OK
+        guard = LOST if row.conditions & Condition.GUARD_LOST else LINE_DROPPED if row.conditions & Condition.GUARD_DROPPED else OK
         for tick in range(Supervisor.ticks(row.hold, limits, dt_s)):
             if row.conditions & Condition.MOTOR_ERROR:
                 supervisor._motor_error = True

@@ -51,7 +51,7 @@ class Service:
             self._count(session, ticked)
         if now_ns >= self._next_ns:
             self._next_ns = now_ns + self._every_ns
-            self.send("WATCHDOG=1", f"STATUS={session.supervisor.state.name} {session.why_not_armed()}".rstrip())
+            self.send("WATCHDOG=1", f"STATUS={session.condition()}")
 
     def _count(self, session, ticked: bool) -> None:
         row = (session.loop.ticks - 1) % session.ring.capacity

@@ -97,9 +97,9 @@ class Session:
         image = (bench.image_path, bench.image_sha256) if bench else None
         self.guard = bench.guard if bench else guard
         self.devices = open_devices(self.kernel, config, self.guard, remote_device, image)
-        self.devices.motors.attach(self.robot.rows)
         dt_s = 1.0 / config.realtime.rate_hz
         self.supervisor = Supervisor(self.devices.motors, config.limits, dt_s, config.control.soft_start_s)
+        self.supervisor.attach(self.robot.rows)
         self.loop = Loop(
             self.robot, self.devices, self.supervisor, self.ring, self.kernel, config.limits.imu_silence_s,
             config.limits.engage_tilt_rad,
@@ -181,6 +181,11 @@ class Session:
     def tipped(self) -> bool:
         """The last row says that the robot leans beyond the limit."""
         return any(code == "tipped" for _, _, code in self.supervisor.events)
+
+    def condition(self) -> str:
+        """State in words: with the fault, or with the first reason why the robot is not armed, and the cure."""
+        reason = self.why_not_armed()
+        return self.supervisor.state.name + (f"  {reason}" if reason else "")
 
     def _between_ticks(self, tick: int) -> None:
         state = self.supervisor.state
@@ -277,13 +282,10 @@ class Live:
         lean = math.degrees(math.hypot(row["attitude_rad"][0], row["attitude_rad"][1]))
         text = (
             f"{tick / session.config.realtime.rate_hz:7.1f} s  lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
-            f"  {session.devices.battery_v:4.2f} V  {session.supervisor.state.name}"
+            f"  {session.devices.battery_v:4.2f} V  {session.condition()}"
         )
-        reason = session.why_not_armed()
-        text += f"  {reason}" if reason else limits_in_words(int(row["limits"]))
         trouble = session.recorder.trouble()
-        if trouble:
-            text += f"  {trouble}"
+        text += limits_in_words(int(row["limits"])) + (f"  {trouble}" if trouble else "")
         end = "\x1b[K\r" if self._terminal else "\n"
         os.write(2, (text + end).encode())
 

@@ -191,6 +191,10 @@ class Supervisor:
         seconds = getattr(limits, hold) if isinstance(hold, str) else hold
         return max(1, round(seconds / dt_s))
 
+    def attach(self, rows) -> None:
+        """The pulses to apply stand in these rows of frames."""
+        self._motors.attach(rows)
+
     def press(self) -> None:
         """The arm button was pressed."""
         self._button = True

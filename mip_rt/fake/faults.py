@@ -90,9 +90,9 @@ FAULTS = {
     # -- interrupt line
     "interrupt_lost": FaultKind("faults_imu", "interrupt", STRIKES, OFF, 0.05, "edges do not arrive, the packets do"),
     "interrupt_lost_some": FaultKind("faults_imu", "interrupt", {**SELDOM, "for_s": _for(2.0, (0.1, 3.0)), "probability": _probability(0.05, (0.01, 0.1)),
-                                     "burst": DrawnInteger(1, "Strikes in a row.", low=1, high=100, draw=(1, 2))}, RIDES, 0.0,
+                                     "burst": DrawnInteger(1, "Strikes in a row.", low=1, high=100, draw=(1, 2))}, ANY, 0.0,
                                      "now and then an edge does not arrive"),
-    "interrupt_doubled": FaultKind("faults_imu", "interrupt", {**STRIKES, "for_s": _for(2.0, (0.1, 3.0))}, RIDES, 0.0, "edges arrive twice"),
+    "interrupt_doubled": FaultKind("faults_imu", "interrupt", {**STRIKES, "for_s": _for(2.0, (0.1, 3.0))}, ANY, 0.0, "edges arrive twice"),
     "interrupt_late": FaultKind("faults_imu", "interrupt", {**STRIKES, "delay_s": _number(0.002, "By how much.", "s", 0.0, 0.0049, (0.0002, 0.0045))},
                                 RIDES, 0.0, "the loop is woken late"),
     # -- FIFO
@@ -105,7 +105,7 @@ FAULTS = {
     "imu_dropped_some": FaultKind("faults_imu", "IMU", {**SELDOM, "for_s": _for(2.0, (0.1, 3.0)), "probability": _probability(0.05, (0.01, 0.1)),
                                   "burst": DrawnInteger(1, "Strikes in a row.", low=1, high=100, draw=(1, 2))}, RIDES, 0.0,
                                   "now and then a packet is missing"),
-    "imu_frozen": FaultKind("faults_imu", "IMU", {"for_s": _for()}, OFF, 0.1, "the same packet again and again"),
+    "imu_frozen": FaultKind("faults_imu", "IMU", {"for_s": _for()}, OFF, 0.06, "the same packet again and again"),
     "quaternion_zero": FaultKind("faults_imu", "IMU", STRIKES, OFF, 0.05, "the quaternion is 0, 0, 0, 0, which normalises to NaN"),
     "quaternion_ones": FaultKind("faults_imu", "IMU", STRIKES, OFF, 0.05, "all bits of the packet are one"),
     "packet_noise": FaultKind("faults_imu", "IMU", STRIKES, OFF, 0.05, "packets of random bytes"),

@@ -3,17 +3,17 @@
 Used by `mip-rt bench alarms`; a fault or a graded reaction here is a false alarm.
 """
 
-import concurrent.futures
 import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from mip_rt import config as configuration
-from mip_rt import frame
+from mip_rt import frame, robots
 from mip_rt import session as runner
 from mip_rt.config import scenario as scenarios
 from mip_rt.fake import bench as fake_bench
+from mip_rt.lab import batch
 from mip_rt.supervisor import State
 
 # What must not happen in ordinary driving although it is no fault.
@@ -21,11 +21,11 @@ GRADED = ("encoder_jump", "not_finite", "estimator_reset", "wheels_disagree", "d
 
 
 def one(job) -> dict:
-    """One run of (scenario, seed, overrides): simulated seconds, faults, ticks of each graded reaction, largest mismatch of wheels and gyro."""
-    name, seed, overrides = job
+    """One run of (robot, scenario, seed): simulated seconds, faults, ticks of each graded reaction, largest mismatch of wheels and gyro."""
+    robot, name, seed = job
     script = scenarios.load(name)
     config = configuration.load(
-        configuration.default_path("mbbr"), {"estimator.shadows": "[]", "log.ring_s": str(script.duration_s + 5.0), **overrides}
+        configuration.default_path(robot), {"estimator.shadows": "[]", "log.ring_s": str(script.duration_s + 5.0)}
     )
     bench = fake_bench.build(config, script, seed, False)
     try:
@@ -35,7 +35,7 @@ def one(job) -> dict:
             rows = session.ring.rows[: report["ticks"]]
             balancing = rows[rows["state"] == State.BALANCING]
             return {
-                "scenario": name,
+                "scenario": f"{robot} {name}",
                 "seed": seed,
                 "balanced_s": report["balanced_s"],
                 "faults": report["faults"] + ([] if report["state"] == "BALANCING" else [report["state"]]),
@@ -47,26 +47,23 @@ def one(job) -> dict:
 
 
 def jobs(hours: float):
-    """Runs of the shipped scenarios in turn, each with its own seed, that together last so long."""
-    names = sorted(scenarios.shipped())
-    lengths = {name: scenarios.load(name).duration_s for name in names}
+    """Runs of the shipped scenarios in turn, each with its own seed, that together last so long; spins in rad/s are the eduMIP's, those in Hz the MBBR's."""
+    pairs = [
+        (robot, name) for robot in robots.NAMES for name in sorted(scenarios.shipped())
+        if name in ("hold", "drive") or name.endswith("-rad-s") == (robot == "edumip")
+    ]  # fmt: skip
+    lengths = {name: scenarios.load(name).duration_s for _, name in pairs}
     left_s, seed = hours * 3600.0, 1000
     while left_s > 0.0:
-        for name in names:
-            yield name, seed, {}
+        for robot, name in pairs:
+            yield robot, name, seed
             left_s -= lengths[name]
             seed += 1
 
 
-def run(hours: float, progress, processes: int | None = None) -> list[dict]:
-    """All runs, on `processes` cores (default: all)."""
-    listed = list(jobs(hours))
-    found = []
-    with concurrent.futures.ProcessPoolExecutor(processes) as pool:
-        for result in pool.map(one, listed):
-            found.append(result)
-            progress(len(found), len(listed), f"{result['scenario']}, seed {result['seed']}")
-    return found
+def run(hours: float, cluster=None, workers=None) -> list[dict]:
+    """Results of all runs; see lab.batch for where they run."""
+    return [result for _, result in batch.completed(one, jobs(hours), "alarms", cluster, workers)]
 
 
 def print_table(found: list[dict]) -> None:

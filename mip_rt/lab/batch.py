@@ -6,14 +6,22 @@ workers one thread each: a dry run stops the garbage collector of its process.
 
 import concurrent.futures
 import contextlib
+import ctypes
 import multiprocessing
 import os
+import signal
 import time
 
 from mip_rt.errors import ConfigError
 from mip_rt.progress import progress
 
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 AHEAD = 2  # jobs handed out per worker: enough to keep it busy, few to wait for when the batch stops early
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed would wait for ever."""
+    ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 @contextlib.contextmanager
@@ -29,7 +37,7 @@ def executor(cluster: str | None = None, workers: int | None = None):
     """
     if cluster is None:
         count = workers or len(os.sched_getaffinity(0))
-        with concurrent.futures.ProcessPoolExecutor(count, multiprocessing.get_context("spawn")) as pool:
+        with concurrent.futures.ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _end_with_parent) as pool:
             yield pool, count
         return
     try:

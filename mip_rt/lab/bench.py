@@ -12,6 +12,7 @@ from mip_rt.config import published
 from mip_rt.config import scenario as scenarios
 from mip_rt.fake import bench as fake_bench
 from mip_rt.lab import batch
+from mip_rt.progress import progress
 
 DRIVES = (("drive", 0.0), ("drive-spin-0.5", 0.5), ("drive-spin-1.0", 1.0), ("drive-spin-1.5", 1.5))
 ALL_SCENARIOS = ("hold", "spin-0.5", "spin-1.0", "spin-1.5", "drive-spin-1.0", "dissertation-6.4.5")
@@ -145,7 +146,7 @@ def run(arguments) -> int:
     elif arguments.what == "alarms":
         from mip_rt.lab import alarms
 
-        found = alarms.run(arguments.hours, progress)
+        found = alarms.run(arguments.hours, arguments.cluster, arguments.workers)
         print(json.dumps(found)) if arguments.json else alarms.print_table(found)
         return int(any(result["faults"] or any(result["graded"].values()) for result in found))
     elif arguments.what == "board":

@@ -61,9 +61,9 @@ TROUBLE = {
 
 
 def small_disk(folder: Path) -> bool:
-    """Mounts a file system of 1 MB; False where that is not allowed."""
+    """Mounts a file system of 64 kB, full within seconds; False where that is not allowed."""
     folder.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=1m", "mip-rt-bench", str(folder)]
+    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "mip-rt-bench", str(folder)]
     return subprocess.run(mount, capture_output=True, check=False).returncode == 0
 
 

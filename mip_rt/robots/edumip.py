@@ -345,8 +345,9 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
         start = s.engaged == 0
         if start:
             health.reset(p.health, s.health, row)
-        spin = row.gyro_rad_s[2] * math.cos(row.attitude_rad[0]) + row.gyro_rad_s[1] * math.sin(row.attitude_rad[0])
-        if not health.check_wheels(p.health, s.health, row, spin):
+        lean_rad = row.attitude_rad[0]
+        yaw_rate = row.gyro_rad_s[2] * math.cos(lean_rad) + row.gyro_rad_s[1] * math.sin(lean_rad)
+        if not health.check_wheels(p.health, s.health, row, yaw_rate, lean):
             limits |= frame.LIMIT_WHEELS_DISAGREE
             valid &= ~(PHI_BIT | YAW_BIT)
         limits |= _run_estimators(s, estimator_parameters, estimator_states, row, valid, start)

@@ -117,11 +117,10 @@ def build(config, shadows=None) -> Robot:
     sensors.configure(p.sensors, config, dt_s)
     p.sensors.mount_angle_rad = config.imu.mount_angle_rad
     p.sensors.radius_by_track = config.model.wheel_radius_m / config.model.track_m
+    health.configure(p.health, config, dt_s, (p.sensors.radius_by_track, -p.sensors.radius_by_track))
+    p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
     _configure_control(p, config, model[0], dt_s)
     _configure_drive(p.drive, config)
-    p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
-    ratio = p.sensors.radius_by_track
-    health.configure(p.health, config, dt_s, (ratio, -ratio))
     state = np.zeros(1, robot.STATE).view(np.recarray)
     state[0].battery_v = p.nominal_voltage_v
     states = np.zeros(len(names), robot.ESTIMATOR_STATE).view(np.recarray)

@@ -20,6 +20,7 @@ MAX_WHEELS = 4
 MISMATCH_S = 0.1  # leak of the comparison of wheels and gyro
 STILL_S = 0.1  # a count that stood for so long ...
 STILL_SHARE = 0.3  # ... while the mismatch is beyond this share of its limit, is a dead encoder
+LEAN_COSINE = 0.92  # leaning by more than 0.4 rad, a falling robot's wheels and gyro are not compared
 SIGN_S = 0.05
 SLIP_S = 0.25
 SIGN_FIT = 0.35  # a reversed wheel explains the mismatch up to this share
@@ -157,18 +158,20 @@ def check_timing(p, s, row, limits):
 
 
 @njit
-def check_wheels(p, s, row, yaw_rate_rad_s):
+def check_wheels(p, s, row, yaw_rate_rad_s, lean_cosine):
     """Before the estimators, while armed: True where wheels and gyro agree.
 
     Args:
         row: frame with this tick's wheel angles.
         yaw_rate_rad_s: spin that the gyro says the wheels must show.
+        lean_cosine: of the body against the vertical.
     """
+    pole = p.mismatch_pole if lean_cosine > LEAN_COSINE else 0.0
     mismatch = 0.0
     for i in range(p.wheels):
         moved = row.wheel_angle_rad[i] - s.wheel_angle_rad[i]
         s.wheel_angle_rad[i] = row.wheel_angle_rad[i]
-        part = p.mismatch_pole * s.part_rad[i] + p.yaw_from_wheel[i] * moved
+        part = pole * s.part_rad[i] + p.yaw_from_wheel[i] * moved
         s.part_rad[i] = part
         mismatch += part
         if moved == 0.0:
@@ -177,7 +180,7 @@ def check_wheels(p, s, row, yaw_rate_rad_s):
         else:
             s.still[i] = 0
             s.stalled_s[i] = 0.0
-    s.yaw_rad = p.mismatch_pole * s.yaw_rad + p.dt_s * yaw_rate_rad_s
+    s.yaw_rad = pole * s.yaw_rad + p.dt_s * yaw_rate_rad_s
     mismatch -= s.yaw_rad
     row.wheel_mismatch_rad = mismatch
     if abs(mismatch) <= p.mismatch_limit_rad:

@@ -338,7 +338,7 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
         if start:
             health.reset(p.health, s.health, row)
             s.spin_coupling_rad_s = 0.0
-        if not health.check_wheels(p.health, s.health, row, s.spin_coupling_rad_s - row.gyro_rad_s[2]):
+        if not health.check_wheels(p.health, s.health, row, s.spin_coupling_rad_s - row.gyro_rad_s[2], lean):
             limits |= frame.LIMIT_WHEELS_DISAGREE
             valid &= ~ENCODER_BITS
         limits |= _run_estimators(p, s, estimator_parameters, estimator_states, row, valid, start)

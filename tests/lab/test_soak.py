@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -72,6 +73,29 @@ def test_a_batch_stops_with_its_listener_and_passes_errors_on():
         break
     with pytest.raises(ValueError, match="three"):
         batch.results(refuse, range(5), workers=1)
+
+
+def test_workers_end_with_a_killed_parent():
+    """A campaign that is killed must not leave its workers behind."""
+    program = "import time; from mip_rt.lab import batch; list(batch.completed(time.sleep, [600, 600], workers=2))"
+    parent = subprocess.Popen([sys.executable, "-c", program], cwd=ROOT)
+    children = Path(f"/proc/{parent.pid}/task/{parent.pid}/children")
+
+    def workers():
+        return [pid for pid in children.read_text().split() if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+
+    def within(seconds, predicate):
+        end = time.monotonic() + seconds
+        while not predicate() and time.monotonic() < end:
+            time.sleep(0.1)
+        return predicate()
+
+    assert within(60.0, lambda: len(workers()) == 2)
+    started = workers()
+    time.sleep(3.0)  # they have come to their work
+    parent.kill()
+    parent.wait()
+    assert within(30.0, lambda: not any(Path(f"/proc/{pid}").exists() for pid in started))
 
 
 @pytest.mark.slow

@@ -259,17 +259,17 @@ static int check_timing(HealthP *p, HealthS *s, Frame *row, int64_t limits)
     return alarms;
 }
 
-static int check_wheels(HealthP *p, HealthS *s, Frame *row, double yaw_rate)
+static int check_wheels(HealthP *p, HealthS *s, Frame *row, double yaw_rate, double lean_cosine)
 {
-    double mismatch = 0.0;
+    double mismatch = 0.0, pole = lean_cosine > 0.92 ? p->mismatch_pole : 0.0;
     for (int i = 0; i < p->wheels; i++) {
         double moved = row->wheel_angle_rad[i] - s->wheel_angle_rad[i];
         s->wheel_angle_rad[i] = row->wheel_angle_rad[i];
-        mismatch += s->part_rad[i] = p->mismatch_pole * s->part_rad[i] + p->yaw_from_wheel[i] * moved;
+        mismatch += s->part_rad[i] = pole * s->part_rad[i] + p->yaw_from_wheel[i] * moved;
         if (moved == 0.0) { s->still[i]++; s->stalled_s[i] += p->dt_s * fabs(s->duty[i]); }
         else { s->still[i] = 0; s->stalled_s[i] = 0.0; }
     }
-    s->yaw_rad = p->mismatch_pole * s->yaw_rad + p->dt_s * yaw_rate;
+    s->yaw_rad = pole * s->yaw_rad + p->dt_s * yaw_rate;
     row->wheel_mismatch_rad = mismatch -= s->yaw_rad;
     if (fabs(mismatch) <= p->mismatch_limit_rad) { s->disagree = 0; return 1; }
     s->disagree++;
@@ -420,7 +420,7 @@ void robot_step(RobotP *p, RobotS *s, EstimatorP *ep, EstimatorS *es, Frame *row
     int missing = sensors(&p->sensors, &s->sensors, row);
     int64_t limits = (missing & 1 ? IMU_MISSING : 0) | (missing & 2 ? JUMP : 0), valid = 255 & ~(missing & 1 ? 0xC3 : 0) & ~(missing & 2 ? 0x38 : 0);
     int64_t alarms = check_timing(&p->health, &s->health, row, limits);
-    if (!check_wheels(&p->health, &s->health, row, s->spin_coupling_rad_s - row->gyro_rad_s[2])) { limits |= DISAGREE; valid &= ~0x38; }
+    if (!check_wheels(&p->health, &s->health, row, s->spin_coupling_rad_s - row->gyro_rad_s[2], cos(row->attitude_rad[0]) * cos(row->attitude_rad[1]))) { limits |= DISAGREE; valid &= ~0x38; }
     for (int i = 0; i < 3; i++) { s->measured[i] = row->gyro_rad_s[i]; s->measured[3 + i] = row->body_angle_rad[i]; }
     s->measured[6] = row->acceleration_m_s2[0]; s->measured[7] = row->acceleration_m_s2[1];
     for (int i = 0; i < 2; i++) {
