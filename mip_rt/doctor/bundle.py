@@ -29,16 +29,17 @@ COMMANDS = {
     "overlays": ("ls", "/proc/device-tree/chosen/overlays"),
     "interrupts": ("cat", "/proc/interrupts"),
 }
+# Every repetition is bounded, or begins at a boundary: a part may be one word of 64 kB.
 _PATTERNS = (
     (re.compile(r"\b(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}\b", re.I), "<hardware address>"),
     (re.compile(r"\b\d{1,3}(?:\.\d{1,3}){3}(?:/\d{1,2})?\b"), "<network address>"),
     (re.compile(r"(?<![\w:.])(?:[0-9a-f]{1,4}:){2,7}(?::?[0-9a-f]{1,4})?(?:::?[0-9a-f]{1,4}){0,6}(?![\w:])", re.I), "<network address>"),
     (re.compile(r"\b[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}\b", re.I), "<identifier>"),
     (re.compile(r"\b[0-9a-f]{32}\b", re.I), "<identifier>"),
-    (re.compile(r"(serial(?:[ _-]?(?:number|no))?[ \t]*[:=#]?[ \t]*)(?=[^\s]*\d)[0-9a-z-]{6,}", re.I), r"\1<serial number>"),
+    (re.compile(r"(serial(?:[ _-]?(?:number|no))?[ \t]*[:=#]?[ \t]*)(?=\S{0,40}\d)[0-9a-z-]{6,}", re.I), r"\1<serial number>"),
     (re.compile(r"(ssid[ \t]*[:=]?[ \t]*)\S+", re.I), r"\1<network>"),
     (re.compile(r"(/home/)[^/\s:]+"), r"\1<user>"),
-    (re.compile(r"[\w.+-]+@[\w-]+\.[\w.-]+"), "<mail address>"),
+    (re.compile(r"(?<![\w.+-])[\w.+-]{1,64}@[\w-]{1,64}\.[\w.-]{1,64}"), "<mail address>"),
 )
 
 

@@ -10,9 +10,11 @@ import subprocess
 import sys
 import tempfile
 import time
+from pathlib import Path
 
 import numpy as np
 
+from mip_rt import realtime
 from mip_rt import session as runner
 from mip_rt.doctor.motors import open_bench
 from mip_rt.hardware import i2c_time
@@ -71,14 +73,14 @@ def histogram(spent_ns) -> list:
 
 def measure(patient, bench, seconds: float) -> dict:
     """Figures of a run with the motors off; `bench` is the dry run's, None on the robot."""
-    motor_bench = open_bench(patient)
+    motor_bench, settings = open_bench(patient), patient.config.realtime
     try:
+        realtime.enter(settings.policy, settings.priority, settings.lock_memory)
         pwm = motor_bench.time_zero_writes(200)
     finally:
+        realtime.leave()
         motor_bench.close()
     with tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as folder:
-        from pathlib import Path
-
         session = runner.Session(patient.config, bench, Path(folder), None, 1, "bench-board", None, patient.guard)
         imu, loop = session.devices.imu, session.loop
         timed = imu._bus.transfer = TimedTransfers(imu._bus.transfer, round(3 * seconds * patient.config.realtime.rate_hz))
@@ -100,8 +102,7 @@ def measure(patient, bench, seconds: float) -> dict:
         "wake": _figures(wake), "i2c_count": _figures(spent[is_count]), "i2c_packet": _figures(spent[~is_count]), "read": _figures(read),
         "step": _figures(step), "pwm": _figures(pwm), "tick": _figures(wake + read + step + np.median(pwm)),
     }  # fmt: skip
-    return {"ticks": ticks, "missed": report["missed_ticks"] if "missed_ticks" in report else None, "scheduling": report["scheduling"],
-            "stages": stages, "wake_histogram_us": histogram(wake)}  # fmt: skip
+    return {"ticks": ticks, "scheduling": report["scheduling"], "stages": stages, "wake_histogram_us": histogram(wake)}
 
 
 def run(dry_run: bool, seconds: float, load: bool, config_path=None, robot=None) -> dict:
