@@ -31,7 +31,8 @@ def run(arguments) -> int:
             print(json.dumps(unit.content() if unit else {}, indent=1))
             return 0
         unit, words = calibrate(patient, arguments.what, arguments.unit)
-        print(json.dumps(unit.content()) if arguments.json else f"{arguments.what}: {words}\nkept in {path}; runs from now on use it")
+        where = "a dry run keeps nothing" if arguments.dry_run else f"kept in {path}; runs from now on use it"
+        print(json.dumps(unit.content()) if arguments.json else f"{arguments.what}: {words}\n{where}")
     return 0
 
 

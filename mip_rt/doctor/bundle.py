@@ -5,6 +5,7 @@ A command that fails is evidence, too: its exit code and words are kept.
 
 import getpass
 import io
+import ipaddress
 import json
 import pwd
 import re
@@ -33,7 +34,6 @@ COMMANDS = {
 _PATTERNS = (
     (re.compile(r"\b(?:[0-9a-f]{2}[:-]){5}[0-9a-f]{2}\b", re.I), "<hardware address>"),
     (re.compile(r"\b\d{1,3}(?:\.\d{1,3}){3}(?:/\d{1,2})?\b"), "<network address>"),
-    (re.compile(r"(?<![\w:.])(?:[0-9a-f]{1,4}:){2,7}(?::?[0-9a-f]{1,4})?(?:::?[0-9a-f]{1,4}){0,6}(?![\w:])", re.I), "<network address>"),
     (re.compile(r"\b[0-9a-f]{8}(?:-[0-9a-f]{4}){3}-[0-9a-f]{12}\b", re.I), "<identifier>"),
     (re.compile(r"\b[0-9a-f]{32}\b", re.I), "<identifier>"),
     (re.compile(r"(serial(?:[ _-]?(?:number|no))?[ \t]*[:=#]?[ \t]*)(?=\S{0,40}\d)[0-9a-z-]{6,}", re.I), r"\1<serial number>"),
@@ -41,6 +41,16 @@ _PATTERNS = (
     (re.compile(r"(/home/)[^/\s:]+"), r"\1<user>"),
     (re.compile(r"(?<![\w.+-])[\w.+-]{1,64}@[\w-]{1,64}\.[\w.-]{1,64}"), "<mail address>"),
 )
+
+_COLONS = re.compile(r"(?<![\w:.])[0-9a-f:]{3,45}(?![\w:])", re.I)  # perhaps an IPv6 address, perhaps a time of day
+
+
+def _network_address(found) -> str:
+    try:
+        ipaddress.IPv6Address(found[0])
+    except ValueError:
+        return found[0]
+    return "<network address>"
 
 
 def names_here() -> dict:
@@ -63,6 +73,7 @@ def redact(text: str, names: dict) -> str:
     """Without host and user names, addresses, serial numbers and other identifiers."""
     for pattern, stands in _PATTERNS:
         text = pattern.sub(stands, text)
+    text = _COLONS.sub(_network_address, text)
     for name in sorted(names, key=len, reverse=True):
         text = re.sub(rf"(?<![\w]){re.escape(name)}(?![\w])", names[name], text)
     return text

@@ -1,5 +1,6 @@
 """The person beside the robot: asked on the terminal, each time with a bound."""
 
+import os
 import select
 import sys
 
@@ -16,7 +17,7 @@ class Person:
     """
 
     def __init__(self, hands=None):
-        self._hands = hands
+        self._hands, self._typed = hands, b""
 
     def act(self, act: tuple) -> None:
         """What the person does to the robot now, for a dry run."""
@@ -25,11 +26,15 @@ class Person:
 
     def _answer(self, text: str, hint: str) -> str:
         print(f"\n>> {text} {hint}", file=sys.stderr, end=" ", flush=True)
-        ready, _, _ = select.select([sys.stdin], [], [], PATIENCE_S)
-        line = sys.stdin.readline() if ready else ""
-        if not line:
-            raise MipRtError("nobody answered.", "Answer within five minutes, on a terminal.", "no_answer")
-        return line.strip()
+        # Past Python's own buffer, in which select would not see a second line that came with the first.
+        while b"\n" not in self._typed:
+            ready, _, _ = select.select([sys.stdin.fileno()], [], [], PATIENCE_S)
+            data = os.read(sys.stdin.fileno(), 1024) if ready else b""
+            if not data:
+                raise MipRtError("nobody answered.", "Answer within five minutes, on a terminal.", "no_answer")
+            self._typed += data
+        line, _, self._typed = self._typed.partition(b"\n")
+        return line.decode(errors="replace").strip()
 
     def do(self, text: str, act: tuple) -> None:
         """Asks for something to be done; returns when the person has pressed Enter."""
