@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from types import SimpleNamespace
 
+from mip_rt.errors import ImuError
 from mip_rt.hardware import compiled_io
 from mip_rt.hardware.battery import Battery
 from mip_rt.hardware.boards import GPIO, board
@@ -89,8 +90,16 @@ def make_imu(kernel, config, image=None) -> Mpu9250:
 
     Args:
         image: (path, sha256) of another DMP image than the configuration's.
+
+    Raises:
+        ImuError: there is no such bus, or it may not be opened.
     """
     settings = config.imu
     if image is not None:
         settings = SimpleNamespace(**{**vars(config.imu), "dmp_image": image[0], "dmp_image_sha256": image[1]})
-    return Mpu9250(kernel, settings, config.realtime.rate_hz)
+    try:
+        return Mpu9250(kernel, settings, config.realtime.rate_hz)
+    except OSError as error:
+        raise ImuError(
+            f"the I2C bus {settings.bus} cannot be opened: {error.strerror}.", "Join the groups i2c and gpio; see imu.bus; run mip-rt doctor.", "imu_bus"
+        ) from error
