@@ -14,12 +14,12 @@ from mip_rt.prearm import refusal
 STILL_S = 1.0  # length of the window in which the robot must be still
 STILL_SPREAD_RAD_S = 0.05  # largest standard deviation of the gyro in it
 LARGEST_BIAS_RAD_S = 0.35  # 20 deg/s: the data sheet's zero-rate output is within 5
-AGREEMENT_RAD = 0.05  # DMP against accelerometer, averaged over the window
+AGREEMENT_RAD = 0.05  # attitude against accelerometer, averaged over the window
 RENEW_AFTER_S = 60.0
 
 
 class GyroCalibration:
-    """Gyro bias and convergence of the DMP, from windows of stillness.
+    """Gyro bias and convergence of the attitude, from windows of stillness.
 
     Attributes:
         bias_rad_s: (3,) once `done`.
@@ -39,7 +39,7 @@ class GyroCalibration:
 
     @property
     def done(self) -> bool:
-        """A still window was found, and the DMP agreed with gravity, at some time since the start."""
+        """A still window was found, and the attitude agreed with gravity, at some time since the start."""
         return self.measured_s > -math.inf
 
     def due(self, now_s: float) -> bool:
@@ -77,5 +77,5 @@ class GyroCalibration:
         said = (math.sin(pitch), -math.sin(roll) * math.cos(pitch), -math.cos(roll) * math.cos(pitch))
         apart = math.asin(min(1.0, float(np.linalg.norm(np.cross(down, said)))))
         if not (apart <= AGREEMENT_RAD and down @ said > 0.0):
-            return refusal("attitude_disagrees", f"DMP and accelerometer differ by {math.degrees(apart):.1f} deg.")
+            return refusal("attitude_disagrees", f"attitude and accelerometer differ by {math.degrees(apart):.1f} deg.")
         return None

@@ -31,8 +31,11 @@ VERBS = {
     "doctor": Verb("mip_rt.doctor.commands", "what is wrong with board, bus, IMU, encoders, motors, system, and what to do", "mip-rt doctor"),
     "calibrate": Verb("mip_rt.calibrate.commands", "measure this unit: gyro, level, accelerometer, encoders, motors", "mip-rt calibrate gyro"),
     "warm-up": Verb("mip_rt.warm_up", "compile everything and keep it", "mip-rt warm-up"),
+    "dmp": Verb("mip_rt.dmp_commands", "get the IMU's DMP image out of what you hold; check it", "mip-rt dmp extract librobotcontrol/"),
+    "firmware": Verb("mip_rt.firmware.commands", "overlay, U-Boot, udev, modprobe: show, diff, apply, revert", "mip-rt firmware diff"),
     "safety": Verb("mip_rt.safety", "print states, transitions, faults, limits and pre-arm checks as Markdown", "mip-rt safety"),
     "bench": Verb("mip_rt.lab.bench", "measure costs, estimators, robustness", "mip-rt bench steps"),
+    "reproduce": Verb("mip_rt.lab.reproduce", "tables and figures of five papers, ours beside the published", "mip-rt reproduce all --out report"),
     "soak": Verb("mip_rt.lab.soak", "faults at random over hours of virtual time, promises checked", "mip-rt soak --hours 10"),
 }
 RUN = Verb("mip_rt.run", "", "mip-rt --dry-run --scenario drive-spin-1.0 --duration 30")

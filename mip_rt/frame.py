@@ -101,9 +101,9 @@ def inputs(wheels: int) -> tuple[Field, ...]:
 def sensors(wheels: int) -> tuple[Field, ...]:
     """What every robot's step writes first: the sensors in SI units and body axes."""
     return (
-        Field("imu_packet", "|u1", (32,), "bytes", "newest DMP packet: quaternion q30, accelerometer, gyro, gesture"),
-        Field("quaternion", "<f8", (4,), "1", "DMP attitude w, x, y, z, body to inertial, normalised"),
-        Field("attitude_rad", "<f8", (3,), "rad", "DMP roll, pitch, yaw (yaw unwrapped)"),
+        Field("imu_packet", "|u1", (32,), "bytes", "newest packet: DMP quaternion q30, accelerometer, gyro, gesture; onboard attitude: 16 zeros, accelerometer, gyro, temperature, INT_STATUS, 0"),
+        Field("quaternion", "<f8", (4,), "1", "attitude (imu.attitude) w, x, y, z, body to inertial, normalised"),
+        Field("attitude_rad", "<f8", (3,), "rad", "its roll, pitch, yaw (yaw unwrapped)"),
         Field("gyro_rad_s", "<f8", (3,), "rad/s", "body rates in body axes, bias removed"),
         Field("acceleration_m_s2", "<f8", (3,), "m/s^2", "R'([0, 0, -g] - p'') in body axes, the papers' sign"),
         Field("wheel_angle_rad", "<f8", (wheels,), "rad", "wheel angles"),

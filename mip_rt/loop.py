@@ -5,9 +5,10 @@ drivers' bytes and numbers go in, the compiled step fills the rest, the supervis
 """
 
 import struct
+from functools import partial
 
 from mip_rt import frame
-from mip_rt.hardware.compiled_io import read_counters
+from mip_rt.hardware.compiled_io import reader_for
 from mip_rt.hardware.imu_status import IMU_NO_DATA
 from mip_rt.log.ring import STATE_EVERY
 from mip_rt.supervisor import State
@@ -42,6 +43,7 @@ class Loop:
         layout = robot.layout
         self._inputs, self._found, self._results, self._at = layout.inputs, layout.found, layout.results, layout.offset
         self._pulses, self._no_pulses = layout.pulses, (0,) * layout.wheels
+        self._read_counters = partial(reader_for(layout.dtype), devices.counters, robot.rows)
         self._persistent = robot.persistence.parts
 
     def tick(self) -> bool:
@@ -63,7 +65,7 @@ class Loop:
         buffer = ring.buffer
         ring.begin(index)
         status = devices.imu.read(buffer, base + at["imu_packet"])
-        read_counters(devices.counters, self.robot.rows, index)
+        self._read_counters(index)
         remote = devices.remote
         remote.update(wake_ns)
         read_ns = kernel.monotonic_ns()

@@ -32,15 +32,15 @@ _TABLE = (
     ("not_still", "the robot moves, so the gyro's bias cannot be measured.", "Hold it still."),
     ("gyro_bias", "the gyro's rate at rest is too large.", "Hold it still, or replace the IMU."),
     ("gyro_bias_old", "the gyro's bias was measured too long ago.", "Keep the robot still for a second."),
-    ("attitude_disagrees", "DMP and accelerometer disagree about what is up.",
-     "Wait for the DMP to converge; if it stays, check imu.mounting and imu.dmp_orientation."),
+    ("attitude_disagrees", "attitude and accelerometer disagree about what is up.",
+     "Wait for it to converge; if it stays, check imu.mounting and, with the DMP, imu.dmp_orientation."),
     ("calibration_invalid", "this unit's calibration file cannot be used.", "Repair or remove it: then the bias measured at the start counts."),
     ("calibration_differs", "the gyro's rate at rest is not that of this unit's calibration file.", "Calibrate this unit anew, or remove the file."),
     ("encoder_errors", "an encoder does not answer.", "Run mip-rt doctor."),
     ("battery_unknown", "the battery's voltage is not plausible.", "Check battery.adc_channel and the divider."),
     ("battery_low", "the battery is too low.", "Charge it above battery.minimum_v."),
     ("remote_not_centred", "the remote commands motion.", "Let go of stick and buttons."),
-    ("rate_wrong", "the IMU's interrupts are more than 3 % off the configured rate.", "Check the DMP's image and rate."),
+    ("rate_wrong", "the IMU's interrupts are more than 3 % off the configured rate.", "Check realtime.rate_hz and, with the DMP, its image."),
     ("realtime_required", "a real-time setting was refused and realtime.strict is set.", "Grant it, as the warning at the start says."),
 )  # fmt: skip
 _WARNINGS = (

@@ -58,6 +58,7 @@ def run(arguments) -> int:
         if unit:
             unit.status("loading; compiling what is not in the cache")
         from mip_rt import session as runner
+        from mip_rt.console import Live, banner
         from mip_rt.log.folders import temporary_log_folder
 
         stop = runner.install_signals()
@@ -75,10 +76,10 @@ def run(arguments) -> int:
             config, bench, folder, remote, arguments.seed, name, record_folder if config.log.record else None, guard
         )  # fmt: skip
         if not arguments.json:
-            print(runner.banner(session, name, arguments.speed), file=sys.stderr)
+            print(banner(session, name, arguments.speed), file=sys.stderr)
         duration = arguments.duration or (scenario.duration_s if scenario else 1e8)
         # The journal is no place for a status line, and writing to it can block: under systemd the state is in `systemctl status`.
-        live = runner.Live() if real_time and not arguments.json and not unit else None
+        live = Live() if real_time and not arguments.json and not unit else None
         report = session.run(duration, stop, live, real_time, unit)
     finally:
         if unit:

@@ -1,13 +1,12 @@
 """A session: puts configuration, drivers (or fakes), robot, supervisor and ring together, and turns the loop until it is told to stop.
 
 The loop itself is in `loop.py`; here is everything around it, none of which is in the way of a tick: calibration and pre-arm
-checks while the motors are off, the status line, the summary.
+checks while the motors are off, the summary.
 """
 
 import math
 import os
 import signal
-import sys
 import time
 from pathlib import Path
 
@@ -16,7 +15,7 @@ import numpy as np
 from mip_rt import frame, realtime, robots, self_test
 from mip_rt.calibration import GyroCalibration
 from mip_rt.errors import MipRtError
-from mip_rt.hardware import compiled_io
+from mip_rt.hardware.compiled_io import compile_for
 from mip_rt.hardware.devices import open_devices
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
@@ -30,7 +29,7 @@ from mip_rt.unit_file import UnitFile, apply_unit_file
 
 ABSORB_EVERY = 64  # ticks between looks of the summary
 CHECK_EVERY = 20  # ticks between pre-arm checks
-RECOVER_AFTER_S = 1.0  # without a good packet while the motors are off: FIFO and DMP are reset, and again after as long
+RECOVER_AFTER_S = 1.0  # without a good packet while the motors are off: the IMU is reset, and again after as long
 BOOT_TIMEOUTS = 40  # silent waits in a row before a start is given up
 
 
@@ -92,8 +91,10 @@ class Session:
         self.ring = Ring(Path(log_folder) / f"{name}.ring", layout.dtype, rows, description, persistence.size)
         self.recorder = recorder_process.RecorderProcess(self.ring, recording)
         self.robot.attach(self.ring.rows)
-        compiled_io.compile_for(layout.dtype)
         self.robot.rehearse()
+        compile_for(layout.dtype)
+        if bench:
+            bench.kernel.power_on()
         image = (bench.image_path, bench.image_sha256) if bench else None
         self.guard = bench.guard if bench else guard
         self.devices = open_devices(self.kernel, config, self.guard, remote_device, image)
@@ -142,6 +143,7 @@ class Session:
                     silent += 1
                     if silent > BOOT_TIMEOUTS and loop.ticks == 0:
                         raise MipRtError("the IMU sends no interrupts.", "Run mip-rt doctor.", "imu_no_interrupt")
+                    self._show_leds()
                     self._recover_imu()
                     continue
                 silent = 0
@@ -193,6 +195,7 @@ class Session:
             self._absorb(tick + 1)
         if tick % recorder_process.LOOK_EVERY == 0:
             self.recorder.look()
+        self._show_leds()
         if state is State.BALANCING:
             self._imu_good_ns = None
             return
@@ -210,6 +213,9 @@ class Session:
             self.refusals = self.prearm.check(now_ns * 1e-9, state is not State.BOOT, self._rate_hz(tick))
             self.supervisor.refusals = sum(refusal.check.bit for refusal in self.refusals)
 
+    def _show_leds(self) -> None:
+        self.devices.leds.show(self.supervisor.state in (State.ARMING, State.BALANCING))
+
     def _calibrate(self, row, now_s: float) -> None:
         measured = row["gyro_rad_s"] + row["gyro_bias_rad_s"]
         if self.calibration.take(now_s, measured, row["acceleration_m_s2"], row["attitude_rad"]):
@@ -217,7 +223,7 @@ class Session:
             self.supervisor.calibrated = True
 
     def _recover_imu(self) -> None:
-        """Resets FIFO and DMP of an IMU that has put the robot into FAULT or keeps it in BOOT, once a second."""
+        """Resets an IMU that has put the robot into FAULT or keeps it in BOOT, once a second."""
         now_ns = self.kernel.monotonic_ns()
         last_ns, self._imu_good_ns = self._imu_good_ns, self._imu_good_ns or now_ns
         if last_ns is None or self.supervisor.state not in (State.BOOT, State.FAULT) or now_ns - last_ns < RECOVER_AFTER_S * 1e9:
@@ -244,12 +250,14 @@ class Session:
         return "ready: press the arm button" if supervisor.state is State.DISARMED else "not armed: starting"
 
     def _rate_hz(self, tick: int) -> float:
-        """Interrupt rate over the last 200 ticks; the wanted rate before there are that many."""
+        """Interrupt rate over the last 200 ticks, with the interrupts that the loop was too late for; the wanted rate before there are so many."""
         rows, n = self.ring.rows, self.ring.capacity
         span = min(tick, 200, n - 1)
         if span < 50:
             return self.config.realtime.rate_hz
-        return span * 1e9 / float(rows["edge_ns"][tick % n] - rows["edge_ns"][(tick - span) % n])
+        last = np.arange(tick - span + 1, tick + 1) % n
+        interrupts = span + int(rows["missed"][last].sum())
+        return interrupts * 1e9 / float(rows["edge_ns"][tick % n] - rows["edge_ns"][(tick - span) % n])
 
     def _absorb(self, until: int) -> None:
         count = until - self._absorbed
@@ -264,49 +272,6 @@ class Session:
         else:
             self.summary.absorb(rows)
         self._absorbed = until
-
-
-class Live:
-    """The status line: rewritten in place on a terminal, otherwise one line a second; on standard error."""
-
-    def __init__(self, every_ticks: int = 200):
-        self._terminal = sys.stderr.isatty()
-        self._every = every_ticks // 10 if self._terminal else every_ticks
-
-    def update(self, session: Session) -> None:
-        """Called after every tick; writes on few of them."""
-        tick = session.loop.ticks
-        if tick % self._every:
-            return
-        row = session.ring.rows[(tick - 1) % session.ring.capacity]
-        lean = math.degrees(math.hypot(row["attitude_rad"][0], row["attitude_rad"][1]))
-        text = (
-            f"{tick / session.config.realtime.rate_hz:7.1f} s  lean {lean:4.1f} deg  yaw {row['gyro_rad_s'][2] / 2 / math.pi:+5.2f} Hz"
-            f"  {session.devices.battery_v:4.2f} V  {session.condition()}"
-        )
-        trouble = session.recorder.trouble()
-        text += limits_in_words(int(row["limits"])) + (f"  {trouble}" if trouble else "")
-        end = "\x1b[K\r" if self._terminal else "\n"
-        os.write(2, (text + end).encode())
-
-
-def limits_in_words(limits: int) -> str:
-    """The limits applied in a tick that an operator wants to know of."""
-    shown = ("remote_lost", "spin_down", "drive_reduced", "battery_warning", "battery_unknown", "wheels_disagree")
-    return "".join(f"  {frame.LIMIT_SENTENCES[name]}" for name in shown if limits & frame.LIMITS[name])
-
-
-def banner(session: Session, scenario: str, speed: str) -> str:
-    """What is about to run, and how real-time it is."""
-    config = session.config
-    shadows = ", ".join(session.robot.names[1:]) or "none"
-    where = f"dry run of scenario '{scenario}', seed {session.seed}, speed {speed}" if session.bench else "on the robot"
-    return (
-        f"mip-rt: {config.robot} {where}\n"
-        f"  estimator {session.robot.names[0]} (shadows: {shadows}), controller {session.robot.controller}, "
-        f"{config.realtime.rate_hz:g} Hz\n"
-        f"  log {session.ring.path}" + (f", recorded to {session.recorder.folder}" if session.recorder.folder else "")
-    )
 
 
 def codes() -> dict:

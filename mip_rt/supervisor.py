@@ -28,7 +28,7 @@ class State(IntEnum):
 
 STATE_SENTENCES = {
     State.BOOT: "motors off, waiting for the first good packets of the IMU",
-    State.CALIBRATING: "motors off, measuring the gyro's bias while still, waiting for the DMP to agree with gravity",
+    State.CALIBRATING: "motors off, measuring the gyro's bias while still, waiting for the attitude to agree with gravity",
     State.DISARMED: "motors off, waiting for the arm button",
     State.ARMING: "motors off, button pressed, waiting to be held upright",
     State.BALANCING: "motors on",
@@ -68,7 +68,7 @@ class Condition:
 
 
 CONDITION_SENTENCES = {
-    Condition.CALIBRATED: "gyro bias known, DMP and accelerometer agree",
+    Condition.CALIBRATED: "gyro bias known, attitude and accelerometer agree",
     Condition.BUTTON: "arm button pressed",
     Condition.READY: "no pre-arm check fails",
     Condition.UPRIGHT: "lean within limits.engage_tilt_rad",

@@ -16,9 +16,10 @@ ROW = np.dtype([("duty_ns", "<i8", (3,)), ("applied_ns", "<i8", (3,))], align=Tr
 class Kernel:
     """The fakes as a kernel without a world."""
 
-    def __init__(self, root, abi=2, **tree):
+    def __init__(self, root, abi=2, name="beaglebone-black-cape", **tree):
         self.root = root
-        self.sysfs, self.gpio = FakeSysfs(root, BOARDS["beaglebone-black-cape"], **tree), FakeGpio(root, abi)
+        self.sysfs = FakeSysfs(root, BOARDS[name], **tree)
+        self.gpio = FakeGpio(root, abi, self.sysfs.held)
         self.ioctl = self.gpio.ioctl
 
     def path(self, *parts):
@@ -40,8 +41,8 @@ class DirectEnable:
         self.lines.set(int(on), 1)
 
 
-def started_motors(kernel, name="beaglebone-black-cape"):
-    motors = Motors(kernel, BOARDS[name], (1, 3, 4), PERIOD, DirectEnable(kernel))
+def started_motors(kernel, name="beaglebone-black-cape", channels=(1, 3, 4)):
+    motors = Motors(kernel, BOARDS[name], channels, PERIOD, DirectEnable(kernel))
     motors.start()
     kernel.sysfs.service()
     rows = np.zeros(1, ROW)

@@ -12,11 +12,12 @@ from helpers import DryRun, make_config
 from mip_rt import prearm, safety, self_test, session
 from mip_rt.calibration import GyroCalibration
 from mip_rt.config.scenario import Event, Scenario
+from mip_rt.console import Live
 from mip_rt.errors import MipRtError
 from mip_rt.faults import FAULT_BY_NUMBER, FAULTS
 from mip_rt.prearm import CHECKS, failing
 from mip_rt.realtime import Scheduling
-from mip_rt.session import Live, Session
+from mip_rt.session import Session
 from mip_rt.supervisor import CONDITION_SENTENCES, TRANSITIONS, Condition, State, Transition
 from mip_rt.unit_file import apply_unit_file, load_unit_file
 

@@ -1,6 +1,7 @@
 """Rules between keys: each names the key it blames and says what is wrong."""
 
 from mip_rt.config.suggestion import nearest
+from mip_rt.hardware.boards import BOARDS
 
 
 def _orthonormal(matrix) -> float:
@@ -80,8 +81,15 @@ def broken_rules(config):
     ):
         if value not in allowed:
             yield key, f"expected one of {', '.join(map(str, allowed))}, found {value}"
-    if config.imu.gyro_range_dps != 2000:
+    if config.imu.attitude == "dmp" and config.imu.gyro_range_dps != 2000:
         yield "imu.gyro_range_dps", "the DMP integrates the gyro rightly only at 2000 deg/s"
+    if config.board != "auto":
+        pins = BOARDS[config.board]
+        if config.motor.pwm_frequency_hz > pins.bridge.pwm_limit_hz:
+            yield "motor.pwm_frequency_hz", f"the drivers of {config.board} take at most {pins.bridge.pwm_limit_hz / 1e3:g} kHz"
+        for channel in config.motors.channels:
+            if channel not in pins.motors:
+                yield "motors.channels", f"{config.board} has no motor output {channel}; it has {', '.join(map(str, pins.motors))}"
     for key in ("motors", "encoders"):
         section = getattr(config, key)
         if len(set(section.channels)) != len(section.channels):

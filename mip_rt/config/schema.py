@@ -6,6 +6,7 @@ noise sets are in `published.py`.
 
 from mip_rt.config import published
 from mip_rt.config.fields import Choice, Flag, Integer, Named, Number, Rows, Several, Text, matrix, numbers
+from mip_rt.hardware import boards
 
 N, I, F = Number, Integer, Flag
 PAPER_NAME = Text("", "", pattern="[A-Za-z0-9_][A-Za-z0-9_.-]*", wanted="a name of letters, digits, _ . -")
@@ -53,6 +54,7 @@ DRY_RUN = {
     "battery_v": N(7.9, "Battery at the start.", unit="V", low=3, high=20),
     "battery_resistance_ohm": N(0.15, "Internal resistance: the voltage sags with the current.", unit="ohm", low=0, high=5),
     "battery_fade_v_s": N(1e-4, "Discharge.", low=0, high=1),
+    "kernel": Choice("5.10-ti", "Generation of kernels whose interfaces the simulated board shows.", choices=("4.19-ti", "5.10-ti", "6.12-bone")),
     "actuation_delay_ms": I(1, "Milliseconds between the interrupt and the new duty.", low=0, high=5),
     "extra_delay_ticks": I(0, "Further whole ticks of delay.", low=0, high=3),
     "model_error": {
@@ -65,7 +67,7 @@ DRY_RUN = {
 MBBR = {
     "robot": Choice("mbbr", "The robot.", choices=("mbbr",)),
     "board": Choice("beaglebone-black-cape", "Pin table; auto asks the device tree.",
-                    choices=("auto", "beaglebone-blue", "beaglebone-black-cape", "beaglebone-black-mc33926")),
+                    choices=("auto", *boards.NAMES)),
     "model": MODEL,
     "wheels": {
         "body_from_wheel": matrix(published.BODY_FROM_WHEEL, "T_ob: columns are the wheels' axes in body axes (T 6.5, corrected)."),
@@ -96,11 +98,14 @@ MBBR = {
         "smoothing_s_rad": N(2.0, "k of 1 - exp(-k |rate|) (T 6.15).", low=0.01, high=1000),
     },
     "imu": {
-        "attitude": Choice("dmp", "Where the attitude comes from.", choices=("dmp",)),
+        "attitude": Choice("dmp", "Attitude (also that of the estimators dmp_*): InvenSense's DMP, or our filter on the raw registers, no image needed.",
+                           choices=("dmp", "onboard")),
+        "gyro_delay_s": N(0.0, "Delay of the gyro's low-pass that the onboard attitude makes good; a real chip's is 0.0029 at 184 Hz.",
+                          unit="s", low=0, high=0.02),
         "bus": I(2, "I2C bus.", low=0, high=32),
         "address": I(0x68, "I2C address.", low=3, high=0x77),
         "accel_range_g": I(8, "Accelerometer range, 2, 4, 8 or 16 g.", low=2, high=16),
-        "gyro_range_dps": I(2000, "Gyro range; the DMP integrates rightly only at 2000 deg/s.", low=250, high=2000),
+        "gyro_range_dps": I(2000, "Gyro range: 250, 500, 1000 or 2000 deg/s; the DMP integrates rightly only at 2000.", low=250, high=2000),
         "dlpf_hz": I(184, "Low-pass filter of the chip: 5, 10, 20, 41, 92 or 184 Hz.", low=5, high=184),
         "dmp_image": Text("/var/lib/mip-rt/dmp.bin", "InvenSense's DMP image (3062 bytes); it cannot be shipped.", wanted="a path"),
         "dmp_image_sha256": Text(published.DMP_SHA256, "Its SHA-256.", pattern="[0-9a-f]{64}", wanted="64 hexadecimal digits"),
@@ -160,7 +165,7 @@ MBBR = {
         }),
     },
     "remote": {
-        "device": Text("/dev/ttyS5", "Serial port of the Bluetooth module.", wanted="a path"),
+        "device": Text("/dev/ttyS5", "Serial port of the Bluetooth module; auto: UART5, whatever its number.", wanted="a path"),
         "baud": I(115200, "Baud rate; an HC-06 as sold has 9600.", low=1200, high=921600),
         "protocol": Choice("fourjoy", "Frame format.", choices=("fourjoy",)),
         "timeout_s": N(0.3, "A remote silent for so long is lost.", unit="s", low=0.05, high=0.45),

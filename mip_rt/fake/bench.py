@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from mip_rt import guard_client
+from mip_rt import guard_client, robots
 from mip_rt.fake.entrance import Entrance
 from mip_rt.fake.injection import Injector
 from mip_rt.fake.kernel import FALLING, FakeKernel
@@ -57,8 +57,9 @@ def build(config, scenario, seed: int, real_time: bool, machine: Machine | None 
     """
     machine = machine or Machine(config)
     folder, pins = machine.folder, machine.pins
-    kernel = FakeKernel(folder, real_time)
+    robots.setup(config.robot)  # loads the compiled code of robot and world, which takes a second: the clock starts after that
     world = World(config, seed)
+    kernel = FakeKernel(folder, real_time)
     remote = FakeRemote()
     kernel.sysfs, kernel.gpio = machine.sysfs, machine.gpio
     if real_time:

@@ -146,12 +146,16 @@ def fifo_misaligned(injector, fault):
 
 # -- what the chip measures --------------------------------------------------------------------------------------------
 def _packets(injector, change):
-    """`change(packet)` returns another packet, or the same."""
+    """`change(packet)` returns another packet, or the same; without the DMP the registers become what the packet's words become."""
+    chip = injector.bench.kernel.chip
 
     def sample(call, packet, raw):
-        return call(change(packet), raw)
+        changed = bytes(change(packet))
+        if not chip.dmp_runs:
+            raw = changed[_ACCELEROMETER:_GYRO] + bytes(raw[6:8]) + changed[_GYRO : _GYRO + 6]
+        return call(changed, raw)
 
-    return injector.taps.add(injector.bench.kernel.chip, "sample", sample)
+    return injector.taps.add(chip, "sample", sample)
 
 
 def imu_silent(injector, fault):
@@ -173,6 +177,7 @@ def imu_dropped(injector, fault):
         fell = call(packet, raw)
         if fault.strikes():
             del chip.fifo[before:]
+            chip.registers[r.INT_STATUS] &= ~r.INT_RAW_READY
         return fell
 
     return injector.taps.add(chip, "sample", sample)

@@ -90,10 +90,11 @@ class FakeGpio:
     Args:
         root: folder that stands for "/"; processes with the same root see the same output lines.
         abi: 2 for the newer ABI (the older works, too), 1 where the newer is refused as on Linux before 5.10.
+        held: (bank address, offset) of lines that kernel drivers hold.
     """
 
-    def __init__(self, root, abi: int = 2):
-        self._root, self._abi = Path(root), abi
+    def __init__(self, root, abi: int = 2, held=()):
+        self._root, self._abi, self._held = Path(root), abi, held
         self._banks = {}
         self._events = {}
         self._outputs = {}  # (bank, offsets) by descriptor
@@ -152,7 +153,7 @@ class FakeGpio:
         bank = self.bank(address)
         for offset in offsets:
             taken = self._events.get((address, offset))
-            if bank.held(offset) or (taken is not None and taken.held):
+            if (address, offset) in self._held or bank.held(offset) or (taken is not None and taken.held):
                 raise OSError(errno.EBUSY, os.strerror(errno.EBUSY))
         if flags & OUTPUT:
             fd = bank.request(offsets, values)

@@ -46,6 +46,12 @@ class FakeKernel(Kernel):
         self.world = self.chip = self.operator = self.entrance = self.sysfs = self.gpio = self.bus = None
         self.imu_line = self.motor_wiring = self.guard = None
 
+    def power_on(self) -> None:
+        """The world's time begins now: in real time, what was compiled and loaded before does not count."""
+        if self._real:
+            self.start_ns = time.monotonic_ns()
+            self._next_ns = self.start_ns + SAMPLE_NS
+
     # -- what drivers call -------------------------------------------------------------------------------------------
     def monotonic_ns(self) -> int:
         """The machine's clock, or the virtual one."""

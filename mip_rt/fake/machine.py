@@ -23,8 +23,8 @@ class Machine:
         shared = Path("/dev/shm")
         self.folder = Path(tempfile.mkdtemp(prefix="mip-rt-", dir=shared if shared.is_dir() else None))
         self.pins = board(ROBOTS[config.robot]["board"].default if config.board == "auto" else config.board, None)
-        self.sysfs = FakeSysfs(self.folder, self.pins)
-        self.gpio = FakeGpio(self.folder)
+        self.sysfs = FakeSysfs(self.folder, self.pins, config.dry_run.kernel)
+        self.gpio = FakeGpio(self.folder, self.sysfs.generation.gpio_abi, self.sysfs.held)
 
     def close(self) -> None:
         """Removes the tree."""

@@ -166,7 +166,7 @@ class FakeMpu9250:
         )
 
     def sample(self, packet, raw) -> bool:
-        """One 5 ms sample: registers, DMP packet, FIFO, interrupt.
+        """One 5 ms sample: registers, DMP packet, FIFO, interrupt; without a DMP at the rate of SMPLRT_DIV.
 
         Args:
             packet: 32 bytes of quaternion, accelerometer, gyro, gesture.
@@ -176,11 +176,11 @@ class FakeMpu9250:
             True where the interrupt pin fell.
         """
         registers = self.registers
-        registers[r.ACCEL_XOUT_H : r.ACCEL_XOUT_H + 14] = raw
         if self._cut is None:  # registers or memory have changed since the last sample
             self._cut = self._features()
         if not self._cut:
-            return False
+            return self._sample_registers(raw)
+        registers[r.ACCEL_XOUT_H : r.ACCEL_XOUT_H + r.RAW_BYTES] = raw
         divider = self.memory[r.D_0_22] << 8 | self.memory[r.D_0_22 + 1]
         self._divider_phase += 1
         if self._divider_phase > divider:
@@ -190,8 +190,25 @@ class FakeMpu9250:
                     self._push(packet[part])
         elif self.memory[r.CFG_20] == 0xF8:
             return False  # with tap detection on, interrupts come with the packets; without it, with every sample
-        registers[r.INT_STATUS] |= r.INT_DMP
-        if not registers[r.INT_ENABLE] & r.INT_DMP:
+        return self._interrupt(r.INT_DMP)
+
+    def _sample_registers(self, raw) -> bool:
+        """A sample without the DMP, awake and at its rate."""
+        registers = self.registers
+        if registers[r.PWR_MGMT_1] & 0x40:
+            return False
+        self._divider_phase += 1
+        if self._divider_phase < (registers[r.SMPLRT_DIV] + 1) // 5:
+            return False
+        self._divider_phase = 0
+        registers[r.ACCEL_XOUT_H : r.ACCEL_XOUT_H + r.RAW_BYTES] = raw
+        return self._interrupt(r.INT_RAW_READY)
+
+    def _interrupt(self, cause: int) -> bool:
+        """Notes the cause; True where the pin fell."""
+        registers = self.registers
+        registers[r.INT_STATUS] |= cause
+        if not registers[r.INT_ENABLE] & cause:
             return False
         if registers[r.INT_PIN_CFG] & r.PIN_LATCHED:
             fell = not self.pin_low

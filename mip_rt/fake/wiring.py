@@ -33,18 +33,25 @@ class Wiring:
         if not self._enable_bank.level(self.enable_line[1]):
             duty[:] = 0.0
             return False
-        for i, (file, a_levels, a, b_levels, b) in enumerate(self._parts):
-            duty[i] = (a_levels[a] - b_levels[b]) * self._signs[i] * file.number() / self._period_ns
+        for i, (file, back, a_levels, a, b_levels, b, sign) in enumerate(self._parts):
+            if back is not None:
+                duty[i] = sign * (file.number() - back.number()) / self._period_ns
+            elif a_levels is not None:
+                duty[i] = (a_levels[a] - b_levels[b]) * sign * file.number() / self._period_ns
+            else:
+                duty[i] = sign * (file.number() / self._period_ns - b_levels[b])
         return True
 
     def _connect(self) -> bool:
         parts = []
-        for pin in self._pins:
-            file = self._sysfs.duty_file(*pin.pwm)
-            lines = [(self._gpio.bank(GPIO[bank]), line) for bank, line in (pin.a, pin.b)]
-            if file is None or not all(bank.held(line) for bank, line in lines):
+        for pin, sign in zip(self._pins, self._signs):
+            files = [self._sysfs.duty_file(*channel) for channel in pin.channels]
+            lines = [(self._gpio.bank(GPIO[line[0]]), line[1]) if line else (None, 0) for line in (pin.a, pin.b)]
+            if None in files or not all(bank is None or bank.held(line) for bank, line in lines):
                 return False
-            parts.append((file, lines[0][0].levels, pin.a[1], lines[1][0].levels, pin.b[1]))
+            (a_bank, a), (b_bank, b) = lines
+            levels = [bank.levels if bank else None for bank in (a_bank, b_bank)]
+            parts.append((files[0], files[1] if len(files) > 1 else None, levels[0], a, levels[1], b, sign * pin.polarity))
         self._parts = parts
         return True
 

@@ -11,7 +11,7 @@ import os
 
 import numpy as np
 
-from mip_rt.compiled import JIT_DISABLED, njit, numba, record_array
+from mip_rt.compiled import JIT_DISABLED, direct, njit, numba, record_array
 
 MOST = 4  # encoders or motors
 TEXT = 24  # bytes of an attribute: a 64-bit number and its newline
@@ -33,10 +33,12 @@ COUNTERS = np.dtype(
 PULSES = np.dtype(
     [
         ("number", "i8"),
-        ("fd", "i8", (MOST,)),
+        ("fd", "i8", (2 * MOST,)),  # of two PWM a motor, that of the other direction stands MOST further
+        ("two", "i8"),  # 1: two PWM a motor, and no direction lines
         ("period_ns", "i8"),
         ("sign", "i8", (MOST,)),  # direction that the lines stand at: -1, 1, or 0 when not known
-        ("written_ns", "i8", (MOST,)),  # pulse that the kernel has, -1 when not known
+        ("mirrored", "i8", (MOST,)),  # 1: the motor turns while the PWM is low, and rests where it is always high
+        ("written_ns", "i8", (2 * MOST,)),  # pulse that the kernel has, -1 when not known
         ("text", "u1", (TEXT,)),
     ],
     align=True,
@@ -52,11 +54,20 @@ def records(dtype, number: int):
     return made.view(np.recarray) if JIT_DISABLED else made
 
 
+def reader_for(frame_dtype):
+    """`read_counters` for the rows of one robot, compiled."""
+    return direct(read_counters, record_array(COUNTERS), record_array(frame_dtype), numba.int64)
+
+
+def writer_for(frame_dtype):
+    """`write_pulses` likewise."""
+    return direct(write_pulses, record_array(PULSES), record_array(frame_dtype), numba.int64)
+
+
 def compile_for(frame_dtype) -> None:
-    """Compiles everything here for the rows of one robot, so that nothing compiles in the first tick."""
-    if not JIT_DISABLED:
-        for function, dtype in ((read_counters, COUNTERS), (write_pulses, PULSES)):
-            function.compile((record_array(dtype), record_array(frame_dtype), numba.int64))
+    """Compiles both, so that nothing compiles in the first tick."""
+    reader_for(frame_dtype)
+    writer_for(frame_dtype)
 
 
 if JIT_DISABLED:
@@ -144,21 +155,33 @@ def read_counters(counters, rows, index):
 def _write(p, i, pulse):
     if pulse == p.written_ns[i]:
         return True
+    rest = np.uint32(pulse)  # 32 bits: dividing 64 by ten is a call on 32-bit ARM
     digits = 1
-    power = np.int64(10)
-    while pulse >= power:
-        power *= 10
+    power = np.uint32(10)
+    while digits < 10 and rest >= power:
+        power = np.uint32(power * np.uint32(10))
         digits += 1
-    rest = pulse
     for k in range(digits - 1, -1, -1):
-        p.text[k] = 48 + rest % 10
-        rest //= 10
+        tenth = np.uint32(rest // np.uint32(10))
+        p.text[k] = 48 + (rest - tenth * np.uint32(10))
+        rest = tenth
     p.text[digits] = 10
     if _pwrite(p.fd[i], p.text, digits + 1) != digits + 1:
         p.written_ns[i] = -1
         return False
     p.written_ns[i] = pulse
     return True
+
+
+@njit
+def _drive(p, i, pulse):
+    """The pulse of the present direction; False where the kernel refuses."""
+    size = min(abs(pulse), p.period_ns)
+    if p.two == 0:
+        return _write(p, i, p.period_ns - size if p.mirrored[i] == 1 else size)
+    if pulse > 0:  # the side that ends goes first: never are both on
+        return _write(p, i + MOST, np.int64(0)) and _write(p, i, size)
+    return _write(p, i, np.int64(0)) and _write(p, i + MOST, size)
 
 
 @njit
@@ -178,11 +201,10 @@ def write_pulses(pulses, rows, index):
     turn = 0
     for i in range(p.number):
         pulse = row.duty_ns[i]
-        if pulse != 0 and (pulse > 0) != (p.sign[i] > 0) or (pulse != 0 and p.sign[i] == 0):
-            if not _write(p, i, np.int64(0)):
-                return REFUSED
+        if p.two == 0 and pulse != 0 and (p.sign[i] == 0 or (pulse > 0) != (p.sign[i] > 0)):
             turn |= 1 << i
-        elif not _write(p, i, min(abs(pulse), p.period_ns)):
+            pulse = np.int64(0)
+        if not _drive(p, i, pulse):
             return REFUSED
     if turn == 0:
         for i in range(p.number):

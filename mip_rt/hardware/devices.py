@@ -8,11 +8,13 @@ from types import SimpleNamespace
 from mip_rt.errors import ImuError
 from mip_rt.hardware import compiled_io
 from mip_rt.hardware.battery import Battery
-from mip_rt.hardware.boards import GPIO, board
+from mip_rt.hardware.boards import GPIO, board, serial_device
 from mip_rt.hardware.encoders import Encoder
 from mip_rt.hardware.gpio import InputEvents
+from mip_rt.hardware.leds import Leds
 from mip_rt.hardware.motors import Motors
 from mip_rt.hardware.mpu9250 import Mpu9250
+from mip_rt.hardware.mpu9250_raw import RawMpu9250
 from mip_rt.hardware.serial_port import SerialPort
 from mip_rt.remote.command import RemoteCommand
 from mip_rt.remote.fourjoy import FourJoyDecoder
@@ -31,13 +33,14 @@ class Devices:
     button: InputEvents
     remote: RemoteCommand
     port: SerialPort | None
+    leds: Leds
     battery_v: float = math.nan
 
     def close(self) -> None:
         """Motors first."""
         self.motors.close()
         self.imu.stop()
-        for part in (self.imu_line, *self.encoders, self.battery, self.button, *([self.port] if self.port else [])):
+        for part in (self.imu_line, *self.encoders, self.battery, self.button, self.leds, *([self.port] if self.port else [])):
             part.close()
 
 
@@ -46,7 +49,7 @@ def open_devices(kernel, config, enable, remote_device: str | None, image=None) 
 
     Args:
         enable: the enable line: guard_client.GuardClient.
-        remote_device: path of the remote's port; None for no remote.
+        remote_device: path of the remote's port, or "auto" for the board's; None for no remote.
         image: (path, sha256) of another DMP image than the configuration's.
 
     Raises:
@@ -65,14 +68,14 @@ def open_devices(kernel, config, enable, remote_device: str | None, image=None) 
             encoder.start()
         battery = _closed_with(opened, Battery(kernel, config.battery))
         button = _closed_with(opened, InputEvents(kernel, GPIO[pins.arm_button[0]], pins.arm_button[1], "falling", "mip-rt arm"))
-        port = _closed_with(opened, SerialPort(remote_device, config.remote.baud)) if remote_device else None
+        port = _closed_with(opened, SerialPort(serial_device(remote_device, pins, kernel), config.remote.baud)) if remote_device else None
         imu_line = _closed_with(opened, interrupt_line(kernel, pins))
         imu = make_imu(kernel, config, image)
         opened.callback(imu.stop)
         imu.start()
         opened.pop_all()
     remote = RemoteCommand(port, FourJoyDecoder(), config.remote)
-    return Devices(imu, imu_line, encoders, counters, motors, battery, button, remote, port, battery.read())
+    return Devices(imu, imu_line, encoders, counters, motors, battery, button, remote, port, Leds(kernel, pins.leds), battery.read())
 
 
 def _closed_with(opened: ExitStack, part):
@@ -98,7 +101,7 @@ def make_imu(kernel, config, image=None) -> Mpu9250:
     if image is not None:
         settings = SimpleNamespace(**{**vars(config.imu), "dmp_image": image[0], "dmp_image_sha256": image[1]})
     try:
-        return Mpu9250(kernel, settings, config.realtime.rate_hz)
+        return (RawMpu9250 if settings.attitude == "onboard" else Mpu9250)(kernel, settings, config.realtime.rate_hz)
     except OSError as error:
         raise ImuError(
             f"the I2C bus {settings.bus} cannot be opened: {error.strerror}.", "Join the groups i2c and gpio; see imu.bus; run mip-rt doctor.", "imu_bus"

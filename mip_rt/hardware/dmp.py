@@ -14,6 +14,10 @@ from mip_rt.hardware import mpu9250_registers as r
 GYRO_SCALE = 46850825  # trunc(2^44 (2000 / 32768) (pi / 180) / (2 * 200)): holds for 2000 deg/s at 200 Hz only
 CHUNK = 16
 SAMPLE_HZ = 200
+CURE = (
+    "Get it from the sources of librobotcontrol or MotionDriver 6.12, or from librobotcontrol.so: mip-rt dmp extract PATH; "
+    "or do without the DMP: imu.attitude: onboard."
+)
 
 
 def load_image(path, sha256: str) -> bytes:
@@ -22,16 +26,15 @@ def load_image(path, sha256: str) -> bytes:
     Raises:
         DmpImageError: missing, wrong length or wrong hash; the cure says how to get it.
     """
-    cure = "Extract it from a copy of librobotcontrol or MotionDriver 6.12 that you hold, and name it in imu.dmp_image."
     try:
         image = Path(path).read_bytes()
     except OSError as error:
-        raise DmpImageError(f"the DMP image {path} cannot be read: {error.strerror}.", cure, "dmp_image_missing") from error
+        raise DmpImageError(f"the DMP image {path} cannot be read: {error.strerror}.", CURE, "dmp_image_missing") from error
     if len(image) != r.DMP_IMAGE_BYTES:
-        raise DmpImageError(f"{path} has {len(image)} bytes, the image has {r.DMP_IMAGE_BYTES}.", cure, "dmp_image_length")
+        raise DmpImageError(f"{path} has {len(image)} bytes, the image has {r.DMP_IMAGE_BYTES}.", CURE, "dmp_image_length")
     found = hashlib.sha256(image).hexdigest()
     if found != sha256:
-        raise DmpImageError(f"{path} has SHA-256 {found[:16]}..., expected {sha256[:16]}....", cure, "dmp_image_hash")
+        raise DmpImageError(f"{path} has SHA-256 {found[:16]}..., expected {sha256[:16]}....", CURE, "dmp_image_hash")
     return image
 
 

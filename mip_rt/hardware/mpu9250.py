@@ -30,6 +30,7 @@ FROZEN_AFTER = 10  # equal packets in a row
 NORM_TOLERANCE = 0.01
 Q30 = float(1 << 30)
 HALF_WRITTEN_WAIT_S = 200e-6
+INTERNAL_HZ = 1000.0  # that SMPLRT_DIV divides while a low-pass is on
 _QUATERNION = struct.Struct(">4i")
 
 
@@ -53,7 +54,16 @@ class Mpu9250:
         self._kernel, self._settings, self._message = kernel, settings, i2c_msg
         self._rate_hz = rate_hz
         self._bus = kernel.open_i2c(settings.bus)
-        address = settings.address
+        self._sample_divider = round(INTERNAL_HZ / dmp.SAMPLE_HZ) - 1
+        self._prepare()
+        self._equal = 0
+        self.chip = ""
+        self.backlog = 0
+        self.counters = dict.fromkeys(("bus_errors", "misaligned", "overflows", "bad_norm", "frozen", "backlog", "resets"), 0)
+
+    def _prepare(self) -> None:
+        """Puts the transfers of `read` together, once."""
+        i2c_msg, address = self._message, self._settings.address
         count_reply = i2c_msg.read(address, 2)
         self._read_count = self._bus.prepare(i2c_msg.write(address, [r.FIFO_COUNT_H]), count_reply)
         self._count_bytes = _bytes_of(count_reply, 0, 2)
@@ -64,10 +74,6 @@ class Mpu9250:
         self._packets = [_bytes_of(m, r.PACKET_BYTES * n, r.PACKET_BYTES) for n, m in enumerate(replies)]
         self._kept = request, count_reply, replies  # the prepared transfers point into their buffers
         self._last = bytearray(r.PACKET_BYTES)
-        self._equal = 0
-        self.chip = ""
-        self.backlog = 0
-        self.counters = dict.fromkeys(("bus_errors", "misaligned", "overflows", "bad_norm", "frozen", "backlog", "resets"), 0)
 
     # -- bring-up ----------------------------------------------------------------------------------------------------
     def start(self) -> None:
@@ -79,9 +85,7 @@ class Mpu9250:
         """
         s = self._settings
         image = dmp.load_image(s.dmp_image, s.dmp_image_sha256)
-        self._step("reset", self._reset)
-        self._step("identify", self._identify)
-        self._step("configure", self._configure)
+        self._bring_up()
         self._step("load the DMP image", lambda: self._write_memory(0, image))
         self._step("start address", lambda: self._write(r.PRGM_START_H, r.DMP_START >> 8, r.DMP_START & 0xFF))
         for address, data in dmp.feature_writes(s.dmp_orientation, s.accel_range_g, self._rate_hz):
@@ -103,6 +107,11 @@ class Mpu9250:
             return
         place = f"register 0x{wrong[0]:02x}" if wrong else "the DMP's memory"
         raise ImuError(f"{place} has lost what was written.", "The IMU's supply fails for moments: check its plug and its 3.3 V.", "imu_settings")
+
+    def _bring_up(self) -> None:
+        self._step("reset", self._reset)
+        self._step("identify", self._identify)
+        self._step("configure", self._configure)
 
     def _step(self, name: str, action) -> None:
         for attempt in range(RETRIES):
@@ -145,7 +154,7 @@ class Mpu9250:
         self._write(r.ACCEL_CONFIG, r.ACCEL_RANGE_CODES[s.accel_range_g] << 3)
         self._write(r.CONFIG, code)
         self._write(r.ACCEL_CONFIG2, 0x40 | code)
-        self._write(r.SMPLRT_DIV, 4)
+        self._write(r.SMPLRT_DIV, self._sample_divider)
         self._write(r.USER_CTRL, 0x00)
         self._kernel.sleep(0.003)
         latch = r.PIN_LATCHED | r.PIN_ANY_READ_CLEARS if s.interrupt_latched else 0
@@ -234,8 +243,7 @@ class Mpu9250:
             self.counters["backlog"] += waiting - 1
             status |= IMU_BACKLOG
         packet = self._packets[waiting - 1]
-        w, x, y, z = _QUATERNION.unpack_from(packet)
-        if not abs(math.sqrt(float(w) * w + float(x) * x + float(y) * y + float(z) * z) / Q30 - 1.0) <= NORM_TOLERANCE:
+        if not abs(math.hypot(*_QUATERNION.unpack_from(packet)) / Q30 - 1.0) <= NORM_TOLERANCE:
             self.counters["bad_norm"] += 1
             return status | IMU_BAD_NORM
         if packet == self._last:

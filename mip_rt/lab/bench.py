@@ -109,24 +109,30 @@ def speed(quick: bool, robot: str = "mbbr") -> dict:
     begin = time.perf_counter()
     costs.steps(20 * count, robot)
     ekf_ns = (time.perf_counter() - begin) / (20 * count) * 1e9
+    costs.attitude_steps(1000)
+    begin = time.perf_counter()
+    costs.attitude_steps(20 * count)
+    attitude_ns = (time.perf_counter() - begin) / (20 * count) * 1e9
     tick_us = min(costs.ticks(count, robot) for _ in range(3)) / count * 1e6
     begin = time.perf_counter()
     duration = 20.0 if quick else 60.0
     dry_run({"estimator.shadows": "[]"}, "hold", 1, duration, robot)
-    return {"ekf_step_ns": ekf_ns, "tick_us": tick_us, "times_real_time": duration / (time.perf_counter() - begin)}
+    return {"ekf_step_ns": ekf_ns, "attitude_step_ns": attitude_ns, "tick_us": tick_us, "times_real_time": duration / (time.perf_counter() - begin)}
 
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "board", "bring-up"),
+    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "attitude", "broad", "board", "bring-up"),
                         help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; cost of the log in the "
                         "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang; "
-                        "false alarms in ordinary driving; every stage of a tick on this board, motors off; starts of the IMU with a fault")  # fmt: skip
+                        "false alarms in ordinary driving; tilt error with the DMP and without; onboard attitude on recordings with motion capture; "
+                        "every stage of a tick on this board, motors off; starts of the IMU with a fault")  # fmt: skip
     parser.add_argument("--dry-run", action="store_true", help="board: on the fake board")
     parser.add_argument("--seconds", metavar="S", type=float, default=20.0, help="board: how long")
     parser.add_argument("--load", action="store_true", help="board: also while the processor and the disk are busy")
     parser.add_argument("--config", metavar="FILE", help="board: configuration file")
     parser.add_argument("--runs", metavar="N", type=int, default=1000, help="bring-up: how many")
+    parser.add_argument("--data", metavar="FOLDER", help="broad: folder of the recordings")
     parser.add_argument("--hours", metavar="N", type=float, default=1.0, help="alarms: simulated hours of driving")
     parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr", help="whose costs `steps` measures")
     parser.add_argument("--json", action="store_true")
@@ -135,7 +141,8 @@ def add_arguments(parser) -> None:
 
 
 def run(arguments) -> int:
-    """Exit code 1 where a robustness draw fell, a log lost more than it may, the enable line fell too late, or ordinary driving raised an alarm."""
+    """Exit code 1 where a robustness draw fell, a log lost more than it may, the enable line fell too late, ordinary driving raised an alarm, or
+    the onboard attitude is worse than the DMP's or VQF's may be."""
     if arguments.what == "estimators":
         table = estimators(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(table)) if arguments.json else print_estimators(table)
@@ -160,6 +167,18 @@ def run(arguments) -> int:
         found = bring_up.run(100 if arguments.quick else arguments.runs, progress)
         print(json.dumps(found)) if arguments.json else bring_up.render(found)
         return int(any(result["broken"] for result in found))
+    elif arguments.what == "attitude":
+        from mip_rt.lab import attitude_sources
+
+        found = attitude_sources.run(dry_run, arguments.quick, progress)
+        print(json.dumps(found) if arguments.json else attitude_sources.render(found))
+        return int(not attitude_sources.passed(found))
+    elif arguments.what == "broad":
+        from mip_rt.lab import broad
+
+        found = broad.run(arguments.data or broad.FOLDER, progress)
+        print(json.dumps(found) if arguments.json else broad.render(found))
+        return int(not broad.passed(found))
     elif arguments.what.startswith("log"):
         from mip_rt.lab import log_costs, log_damage
 
@@ -173,6 +192,7 @@ def run(arguments) -> int:
         if arguments.json:
             print(json.dumps(figures))
         else:
-            print(f"EKF step {figures['ekf_step_ns']:.0f} ns; whole tick without fakes {figures['tick_us']:.1f} us; "
+            print(f"EKF step {figures['ekf_step_ns']:.0f} ns; onboard attitude {figures['attitude_step_ns']:.0f} ns; "
+                  f"whole tick without fakes {figures['tick_us']:.1f} us; "
                   f"dry run {figures['times_real_time']:.0f} times real time (start included)")  # fmt: skip
     return 0

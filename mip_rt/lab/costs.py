@@ -18,10 +18,9 @@ from mip_rt import robots
 from mip_rt import session as runner
 from mip_rt.compiled import njit
 from mip_rt.config import scenario as scenarios
-from mip_rt.estimators import mbbr_ekf, mip_ekf
+from mip_rt.estimators import attitude, mbbr_ekf, mip_ekf
 from mip_rt.fake import bench as fake_bench
 from mip_rt.fake.kernel import SAMPLE_NS
-from mip_rt.hardware import compiled_io
 from mip_rt.hardware.i2c import I2cBus
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
@@ -43,6 +42,15 @@ def mip_ekf_steps(parameters, states, u, y, count):
     """`count` cycles of the 6-state EKF in slot 0."""
     for _ in range(count):
         mip_ekf.step(parameters[0].ekf, states[0].filter, u, y, mip_ekf.ALL_VALID)
+
+
+def attitude_steps(count: int) -> None:
+    """Runs `count` cycles of the onboard attitude on a recording of standing still."""
+    p = np.zeros(1, attitude.PARAMETERS).view(np.recarray)[0]
+    attitude.configure(p, 0.005)
+    state, gyro, force, found = attitude.init(p), np.zeros((1000, 3)), np.full((1000, 3), (0.0, 0.0, 9.81)), np.empty((1000, 4))
+    for _ in range(max(1, count // 1000)):
+        attitude.run(p, state, gyro, force, found)
 
 
 def shipped(robot="mbbr", **overrides):
@@ -121,7 +129,7 @@ def parts(name: str, count: int) -> float:
 
     action = {
         "imu": lambda: devices.imu.read(ring.buffer, at["imu_packet"]),
-        "encoders": lambda: compiled_io.read_counters(devices.counters, loop.robot.rows, 0),
+        "encoders": lambda: loop._read_counters(0),
         "step": lambda: loop.robot.step(0),
         "supervisor": supervise,
     }[name]
@@ -135,8 +143,8 @@ def parts(name: str, count: int) -> float:
 
 
 def run(kind: str, count: int) -> None:
-    """`kind` is "ekf", "tick" or one of PARTS."""
+    """`kind` is "ekf", "attitude", "tick" or one of PARTS."""
     if kind in PARTS:
         parts(kind, count)
     else:
-        {"ekf": steps, "tick": ticks}[kind](count)
+        {"ekf": steps, "attitude": attitude_steps, "tick": ticks}[kind](count)

@@ -9,6 +9,7 @@ import ctypes
 import numpy as np
 
 from mip_rt.fake.kernel import SAMPLE_NS
+from mip_rt.hardware import mpu9250_registers as r
 from mip_rt.hardware.gpio import SET_VALUES_V1, SET_VALUES_V2
 
 COLUMNS = ("tick", "edge_ns", "state", "fault", "limits", "remote_velocity_m_s", "remote_yaw_rate_rad_s", "duty", "applied_ns")
@@ -27,7 +28,8 @@ class Observation:
         enabled: (n,) the enable line, just before the sample.
         duty: (n, wheels) signed duties that the drivers see then, 0 where disabled.
         lean_rad: (n,) true lean.
-        packet: (n, 32) what the chip put into its FIFO.
+        onboard: whether the chip runs without its DMP.
+        packet: (n, 32) what the chip put into its FIFO, or (without DMP) into its registers, words in the same places.
         delivered: (n,) this packet was read in full.
         presses: sample numbers of the arm button.
         fell_ns: moments at which the enable line was driven low.
@@ -46,6 +48,7 @@ class Observation:
         self.lean_rad = np.zeros(n)
         self.packet = np.zeros((n, PACKET), np.uint8)
         self.delivered = np.zeros(n, bool)
+        self.onboard = False
         self.presses, self.bytes_sent, self.fell_ns = [], [], []
         self.journal, self.stalls = bench.injector.journal, bench.injector.stalls
         self.rows, self._parts, self._truth_until = {}, [], 0
@@ -67,13 +70,22 @@ class Observation:
 
         def sample(call, packet, raw):
             at = PACKET * world.samples
-            packets[at : at + PACKET] = packet
+            self.onboard = not kernel.chip.dmp_runs
+            if self.onboard:
+                packets[at + 16 : at + 28] = bytes(raw[:6]) + bytes(raw[8:14])
+            else:
+                packets[at : at + PACKET] = packet
             return call(packet, raw)
 
         def transfer(call, *messages):
             call(*messages)
             reply = messages[-1]
-            if reply.len >= PACKET and reply.flags & 1:
+            if self.onboard and reply.len == 1 + r.RAW_BYTES and reply.flags & 1:
+                data = ctypes.string_at(reply.buf, reply.len)
+                at = PACKET * world.samples
+                if data[0] & r.INT_RAW_READY and packets[at + 16 : at + 28] == data[1:7] + data[9:15]:
+                    delivered[world.samples] = True
+            elif reply.len >= PACKET and reply.flags & 1:
                 data = ctypes.string_at(ctypes.addressof(reply.buf.contents) + reply.len - PACKET, PACKET)
                 for k in (world.samples, world.samples - 1):
                     if packets[PACKET * k : PACKET * (k + 1)] == data:
@@ -139,13 +151,16 @@ class Observation:
 
     @property
     def usable(self) -> np.ndarray:
-        """(n,) delivered, and a quaternion whose norm is 1 within 1 %."""
+        """(n,) delivered, and a quaternion whose norm is 1 within 1 %, or (without DMP) words that are not all ones or all zeros."""
+        if self.onboard:
+            words = self.packet[:, 16:28]
+            return self.delivered & ~((words == 0xFF).all(axis=1) | (words == 0).all(axis=1))
         q = np.ascontiguousarray(self.packet[:, :16]).view(">i4").astype(float) / (1 << 30)
         return self.delivered & (np.abs(np.sqrt((q**2).sum(axis=1)) - 1.0) <= 0.01)
 
     @property
     def measured_lean_rad(self) -> np.ndarray:
-        """(n,) lean by the packets' quaternions; nonsense where they are not usable."""
+        """(n,) lean by the packets' quaternions; nonsense where they are not usable, 0 where the chip knows none."""
         q = np.ascontiguousarray(self.packet[:, :16]).view(">i4").astype(float) / (1 << 30)
         return np.arccos(np.clip(1.0 - 2.0 * (q[:, 1] ** 2 + q[:, 2] ** 2), -1.0, 1.0))
 

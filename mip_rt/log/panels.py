@@ -69,11 +69,11 @@ class _View:
         return lines if values is None else [*lines, Line("reference", values, BLACK, "dash", 1.1)]
 
     def tilt_panel(self, title: str, attitude: int, estimate: str, reference=None) -> Panel:
-        """The DMP's angle, the estimators' and the reference."""
+        """The angle of imu.attitude, the estimators' and the reference."""
         tip = self.config.get("limits.tip_rad")
         estimates = self.estimate_lines(estimate, DEGREES)
         look = (PALE, "solid", 3.6) if estimates else (GREY, "solid", 1.3)  # broad where others lie upon it
-        lines = [Line("DMP", self.field("attitude_rad", attitude, DEGREES), *look), *estimates]
+        lines = [Line("attitude", self.field("attitude_rad", attitude, DEGREES), *look), *estimates]
         return Panel(title, "deg", self.with_reference(lines, reference), () if tip is None else (-tip * DEGREES, tip * DEGREES))
 
     def tilt(self) -> list[Panel]:

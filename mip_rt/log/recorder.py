@@ -222,7 +222,7 @@ def be_unimportant() -> None:
 
     with contextlib.suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    os.nice(10)
+    os.setpriority(os.PRIO_PROCESS, 0, max(10, os.getpriority(os.PRIO_PROCESS, 0)))
     ioprio_set = {"x86_64": 251, "aarch64": 30, "armv7l": 314, "i686": 289, "riscv64": 30}.get(os.uname().machine)
     if ioprio_set is not None:
         ctypes.CDLL(None).syscall(ioprio_set, 1, 0, 3 << 13)  # IOPRIO_WHO_PROCESS, this one, IOPRIO_CLASS_IDLE

@@ -12,7 +12,7 @@ from mip_rt import frame
 from mip_rt.compiled import njit, numba, record_array
 from mip_rt.controllers import mip_drive, mip_feedback, mip_reference, pid, successive_loop, wheel_drive
 from mip_rt.estimators import complementary, complementary_kf, ekf, mip_ekf, mip_planar_kf
-from mip_rt.robots import edumip_sensors, health, sensors
+from mip_rt.robots import edumip_sensors, health, onboard, sensors
 from mip_rt.robots.edumip_frame import FRAME
 
 KIND_EKF, KIND_PLANAR, KIND_COMPLEMENTARY, KIND_COMPLEMENTARY_KF, KIND_DMP = 0, 1, 2, 3, 4
@@ -33,6 +33,7 @@ PARAMETERS = np.dtype(
         ("nominal_voltage_v", "f8"),
         ("battery_pole", "f8"),
         ("battery_hold_ticks", "i8"),  # so long the last good reading counts, then the nominal voltage
+        ("attitude", onboard.PARAMETERS),
     ],
     align=True,
 )
@@ -51,9 +52,11 @@ STATE = np.dtype(
         ("battery_v", "f8"),
         ("battery_unknown", "i8"),  # ticks without a plausible reading
         ("engaged", "i8"),
+        ("attitude", onboard.STATE),  # last: its end is scratch
     ],
     align=True,
 )
+PERSISTENT = STATE.itemsize - onboard.SCRATCH  # bytes of STATE that the next tick reads
 ESTIMATOR_PARAMETERS = np.dtype(
     [
         ("kind", "i8"),
@@ -328,7 +331,7 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
     p = parameters[0]
     s = state[0]
     row = ring[index]
-    limits = edumip_sensors.step(p.sensors, s.sensors, row)
+    limits = edumip_sensors.step(p.sensors, s.sensors, p.attitude, s.attitude, row)
     valid = mip_ekf.ALL_VALID
     if limits & frame.LIMIT_IMU_MISSING:
         valid &= ~ACCELEROMETER_BIT

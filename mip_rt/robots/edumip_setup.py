@@ -9,7 +9,7 @@ from mip_rt.errors import ConfigError
 from mip_rt.estimators import complementary, complementary_kf, mip_ekf, mip_planar_kf
 from mip_rt.models import mip, mip_yaw
 from mip_rt.robots import edumip as robot
-from mip_rt.robots import edumip_frame, edumip_sensors, health, sensors
+from mip_rt.robots import edumip_frame, edumip_sensors, health, onboard, sensors
 from mip_rt.robots.edumip_judge import Judge  # noqa: F401  (part of what a setup module offers)
 from mip_rt.robots.robot import BATTERY_HOLD_S, BATTERY_SMOOTHING_RAD_S, Robot, noise
 
@@ -117,6 +117,9 @@ def build(config, shadows=None) -> Robot:
     sensors.configure(p.sensors, config, dt_s)
     p.sensors.mount_angle_rad = config.imu.mount_angle_rad
     p.sensors.radius_by_track = config.model.wheel_radius_m / config.model.track_m
+    p.sensors.rolling_radius_m = config.model.wheel_radius_m
+    p.sensors.lever_m[:] = imu_position(config) + np.array([0.0, 0.0, config.model.com_height_m])
+    onboard.configure(p.attitude, config, dt_s)
     health.configure(p.health, config, dt_s, (p.sensors.radius_by_track, -p.sensors.radius_by_track))
     p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
     _configure_control(p, config, model[0], dt_s)
@@ -131,7 +134,8 @@ def build(config, shadows=None) -> Robot:
         (states, robot.ESTIMATOR_STATE),
     )
     return Robot(
-        edumip_frame.LAYOUT, names, config.control.controller, robot.step, arrays, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES
+        edumip_frame.LAYOUT, names, config.control.controller, robot.step, arrays, robot.PERSISTENT, robot.ESTIMATOR_PERSISTENT,
+        robot.ESTIMATE_BYTES,
     )
 
 

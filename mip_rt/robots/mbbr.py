@@ -13,7 +13,7 @@ from mip_rt import frame
 from mip_rt.compiled import njit, numba, record_array
 from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
 from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf, odometry
-from mip_rt.robots import health, mbbr_sensors, sensors
+from mip_rt.robots import health, mbbr_sensors, onboard, sensors
 from mip_rt.robots.mbbr_frame import FRAME
 
 KIND_EKF = 0
@@ -34,6 +34,7 @@ PARAMETERS = np.dtype(
         ("odometry", "i8"),  # 1: ball angle from encoders and gyro; 0: integral of the filter's ball rate
         ("battery_pole", "f8"),  # smooths the battery reading used for voltage scaling
         ("battery_hold_ticks", "i8"),  # so long the last good reading counts, then the nominal voltage
+        ("attitude", onboard.PARAMETERS),
     ],
     align=True,
 )
@@ -53,9 +54,11 @@ STATE = np.dtype(
         ("battery_v", "f8"),
         ("battery_unknown", "i8"),  # ticks without a plausible reading
         ("engaged", "i8"),
+        ("attitude", onboard.STATE),  # last: its end is scratch
     ],
     align=True,
 )
+PERSISTENT = STATE.itemsize - onboard.SCRATCH  # bytes of STATE that the next tick reads
 ESTIMATOR_PARAMETERS = np.dtype(
     [
         ("kind", "i8"),
@@ -320,7 +323,7 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
     p = parameters[0]
     s = state[0]
     row = ring[index]
-    limits = mbbr_sensors.step(p.sensors, s.sensors, row)
+    limits = mbbr_sensors.step(p.sensors, s.sensors, p.attitude, s.attitude, row)
     valid = mbbr_ekf.ALL_VALID
     if limits & frame.LIMIT_IMU_MISSING:
         valid &= ~(GYRO_TILT_BITS | ACCELEROMETER_BITS)

@@ -9,7 +9,7 @@ from mip_rt.errors import ConfigError
 from mip_rt.estimators import mbbr_ekf, mbbr_kf
 from mip_rt.models import mbbr, mbbr_linear, mbbr_yaw
 from mip_rt.robots import mbbr as robot
-from mip_rt.robots import health, mbbr_frame, sensors
+from mip_rt.robots import health, mbbr_frame, onboard, sensors
 from mip_rt.robots.mbbr_judge import Judge  # noqa: F401  (part of what a setup module offers)
 from mip_rt.robots.robot import BATTERY_HOLD_S, BATTERY_SMOOTHING_RAD_S, Robot, noise, orthonormal
 
@@ -87,6 +87,7 @@ def build(config, shadows=None) -> Robot:
     p.battery_pole = pole_from_rate(BATTERY_SMOOTHING_RAD_S, dt_s)
     p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
     _configure_sensors(p.sensors, config, dt_s)
+    onboard.configure(p.attitude, config, dt_s)
     _configure_control(p, config, dt_s)
     state = np.zeros(1, robot.STATE).view(np.recarray)
     state[0].battery_v = p.nominal_voltage_v
@@ -97,12 +98,15 @@ def build(config, shadows=None) -> Robot:
         (estimator_parameters, robot.ESTIMATOR_PARAMETERS),
         (states, robot.ESTIMATOR_STATE),
     )
-    return Robot(mbbr_frame.LAYOUT, names, CONTROLLER, robot.step, arrays, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES)
+    return Robot(
+        mbbr_frame.LAYOUT, names, CONTROLLER, robot.step, arrays, robot.PERSISTENT, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES
+    )
 
 
 def _configure_sensors(p, config, dt_s) -> None:
     sensors.configure(p, config, dt_s)
     p.body_from_wheel[:] = orthonormal(config.wheels.body_from_wheel)
+    p.rolling_radius_m, p.lever_m[:] = config.model.ball_radius_m, config.imu.position_m
     p.wheel_ratio = config.model.wheel_radius_m / config.model.ball_radius_m
 
 

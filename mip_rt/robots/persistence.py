@@ -17,9 +17,10 @@ class Persistence:
     """The persistent memory of a robot as a fixed sequence of buffers.
 
     Args:
-        state: (1,) records, persistent as a whole.
+        state: (1,) records.
         slots: (n,) records, one an estimator.
-        kept: bytes at the beginning of each slot that persist.
+        state_kept: bytes at the beginning of the state that persist.
+        kept: likewise of each slot.
         estimate: range of those bytes that holds the estimate (float64): a slot in which it is NaN resets itself at its next step.
 
     Attributes:
@@ -28,12 +29,12 @@ class Persistence:
         layout: hash (16 hex digits) of the fields in them; a state row fits only where it is the same.
     """
 
-    def __init__(self, state, slots, kept: int, estimate: slice):
+    def __init__(self, state, slots, state_kept: int, kept: int, estimate: slice):
         state, slots = np.asarray(state), np.asarray(slots)
         raw = slots.view(np.uint8).reshape(len(slots), -1)
-        self.parts = (memoryview(state.view(np.uint8)), *(memoryview(record[:kept]) for record in raw))
+        self.parts = (memoryview(state.view(np.uint8)[:state_kept]), *(memoryview(record[:kept]) for record in raw))
         self.size = sum(len(part) for part in self.parts)
-        self.layout = hashlib.sha256(f"{state.dtype.descr} {slots.dtype.descr} {kept}".encode()).hexdigest()[:16]
+        self.layout = hashlib.sha256(f"{state.dtype.descr} {slots.dtype.descr} {state_kept} {kept}".encode()).hexdigest()[:16]
         self._kept, self._estimate = kept, estimate
 
     def present(self) -> bytes:

@@ -1,9 +1,11 @@
 """A robot as the loop sees it: the arrays of its compiled step, bound to the rows of a ring."""
 
+from functools import partial
+
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.compiled import JIT_DISABLED
+from mip_rt.compiled import JIT_DISABLED, direct, numba, record_array
 from mip_rt.robots.persistence import Persistence
 
 BATTERY_SMOOTHING_RAD_S = 2.0  # of the voltage that commands are scaled with
@@ -19,30 +21,33 @@ class Robot:
         controller: name of the controller.
         step: compiled function of (parameters, state, estimator parameters, estimator states, rows, index).
         arrays: its first four arguments as (record array, dtype).
+        state_kept: bytes of the robot's state that persist.
         kept, estimate: of an estimator's state: bytes that persist, and the range of them that is the estimate (see robots.persistence).
 
     Attributes:
         gyro_bias_rad_s: the gyro's rates at rest, body axes; an input of every tick.
         parameters, state, estimator_parameters, estimator_states: the step's arrays.
+        step: step(index) runs the compiled step on that row; there once rows are attached.
         rows: the ring's rows, as the compiled functions want them.
         command_in_force: command that the estimators are told at the next tick; a view into the state.
         persistence: what the next tick reads of this one: see robots.persistence.
     """
 
-    def __init__(self, layout, names, controller: str, step, arrays, kept: int, estimate: slice):
+    def __init__(self, layout, names, controller: str, step, arrays, state_kept: int, kept: int, estimate: slice):
         self.layout, self.names, self.controller = layout, names, controller
-        self._step = step
+        self._step = direct(step, *(record_array(dtype) for _, dtype in arrays), record_array(layout.dtype), numba.int64)
         self.parameters, self.state, self.estimator_parameters, self.estimator_states = (array for array, _ in arrays)
         # The same memory as plain arrays: numba recognises those ten times faster than record arrays.
         self._arguments = tuple(array if JIT_DISABLED else array.view(dtype).view(np.ndarray) for array, dtype in arrays)
         self.command_in_force = np.asarray(self.state["applied"])[0]
-        self.persistence = Persistence(self.state, self.estimator_states, kept, estimate)
+        self.persistence = Persistence(self.state, self.estimator_states, state_kept, kept, estimate)
         self.gyro_bias_rad_s = (0.0, 0.0, 0.0)
         self.rows = None
 
     def attach(self, rows) -> None:
         """Uses this ring's rows."""
         self.rows = rows.view(np.recarray) if JIT_DISABLED else rows  # plain Python needs fields as attributes
+        self.step = partial(self._step, *self._arguments, self.rows)
 
     def rehearse(self) -> None:
         """Runs the step once in each of its ways and forgets it: the first real tick then meets no cold page and no cold dispatcher."""
@@ -51,10 +56,6 @@ class Robot:
             self.rows[0]["request"] = request
             self.step(0)
         self.state[:], self.estimator_states[:], self.rows[:1] = saved
-
-    def step(self, index: int) -> None:
-        """Runs the compiled step on row `index`."""
-        self._step(*self._arguments, self.rows, index)
 
 
 def orthonormal(matrix) -> np.ndarray:

@@ -1,8 +1,10 @@
 """From the bytes and counts of the drivers to SI numbers in body axes: the first part of every robot's compiled step.
 
-The DMP's quaternion is already in body axes (its own orientation setting), its accelerometer and gyro words are in chip axes: the
+The DMP's quaternion is already in body axes (its own orientation setting), accelerometer and gyro words are in chip axes: the
 mounting matrix turns them, and the sign of the accelerometer is changed to the papers' (R'([0, 0, -g] - p''), the negative of
 what the chip reports), here and nowhere else.
+
+With imu.attitude "onboard" the packet has no quaternion (zeros stand in its place): see `robots.onboard`.
 """
 
 import math
@@ -15,7 +17,8 @@ from mip_rt.controllers import filters
 from mip_rt.models.mounting import body_from_chip, level_quaternion
 
 IMU_USABLE = 1  # hardware.imu_status.IMU_OK
-COAST_TICKS = 3  # the attitude is carried on by the last body rates for so long, then it stays
+DMP, ONBOARD = 0, 1  # where the attitude comes from
+COAST_TICKS = 3  # the rates are believed, and the DMP's attitude is carried on by them, for so long; then it stays
 
 
 def parameter_fields(wheels: int) -> list:
@@ -31,6 +34,9 @@ def parameter_fields(wheels: int) -> list:
         ("level_quaternion", "f8", (4,)),  # body from IMU, as mounted in this unit
         ("count_scale_rad", "f8", (wheels,)),  # signed wheel angle per count
         ("wheel_jump_rad", "f8"),  # largest credible wheel motion in one tick
+        ("source", "i8"),  # DMP or ONBOARD
+        ("rolling_radius_m", "f8"),  # of what rolls on the ground
+        ("lever_m", "f8", (3,)),  # IMU from that one's centre, body axes
     ]
 
 
@@ -50,7 +56,7 @@ def state_fields(wheels: int) -> list:
 
 
 def configure(p, config, dt_s: float) -> None:
-    """Fills the fields of `parameter_fields` from the imu, motor and encoders sections."""
+    """Fills the fields of `parameter_fields` from the imu, motor and encoders sections, but for what rolls and its lever."""
     motor = config.motor
     p.rate_hz, p.dt_s = 1.0 / dt_s, dt_s
     p.mounting[:] = body_from_chip(config.imu)
@@ -60,6 +66,7 @@ def configure(p, config, dt_s: float) -> None:
     p.gyro_scale_rad_s = math.radians(config.imu.gyro_range_dps) / 32768.0
     p.accel_scale_m_s2 = config.imu.accel_range_g * 9.80665 / 32768.0
     p.count_scale_rad[:] = [2.0 * math.pi * sign / config.encoders.counts_per_turn for sign in config.encoders.signs]
+    p.source = ONBOARD if config.imu.attitude == "onboard" else DMP
     p.wheel_jump_rad = 2.0 * motor.nominal_voltage_v / motor.torque_constant_n_m_a * dt_s
 
 
@@ -93,6 +100,35 @@ def _turned_back(level, w, x, y, z):
 
 
 @njit
+def show_attitude(s, w, x, y, z):
+    """Keeps a normalised quaternion and its angles."""
+    s.quaternion[0] = w
+    s.quaternion[1] = x
+    s.quaternion[2] = y
+    s.quaternion[3] = z
+    s.attitude_rad[0] = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
+    s.attitude_rad[1] = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x))))
+    yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    turn = yaw - s.attitude_rad[2]
+    s.attitude_rad[2] += turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
+
+
+@njit
+def _read_quaternion(p, s, packet):
+    """The DMP's; returns False where it is none."""
+    w = float(_int32(packet, 0))
+    x = float(_int32(packet, 4))
+    y = float(_int32(packet, 8))
+    z = float(_int32(packet, 12))
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    if not norm > 0.0:
+        return False
+    w, x, y, z = _turned_back(p.level_quaternion, w / norm, x / norm, y / norm, z / norm)
+    show_attitude(s, w, x, y, z)
+    return True
+
+
+@njit
 def read_imu(p, s, row):
     """Fills quaternion, attitude, gyro and acceleration of the row; returns True where they are fresh and plausible.
 
@@ -100,24 +136,9 @@ def read_imu(p, s, row):
     """
     packet = row.imu_packet
     fresh = (row.imu_status & IMU_USABLE) != 0
+    if fresh and p.source == DMP:
+        fresh = _read_quaternion(p, s, packet)
     if fresh:
-        w = float(_int32(packet, 0))
-        x = float(_int32(packet, 4))
-        y = float(_int32(packet, 8))
-        z = float(_int32(packet, 12))
-        norm = math.sqrt(w * w + x * x + y * y + z * z)
-        fresh = norm > 0.0
-    if fresh:
-        w, x, y, z = _turned_back(p.level_quaternion, w / norm, x / norm, y / norm, z / norm)
-        s.quaternion[0] = w
-        s.quaternion[1] = x
-        s.quaternion[2] = y
-        s.quaternion[3] = z
-        s.attitude_rad[0] = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
-        s.attitude_rad[1] = math.asin(min(1.0, max(-1.0, 2.0 * (w * y - z * x))))
-        yaw = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-        turn = yaw - s.attitude_rad[2]
-        s.attitude_rad[2] += turn - 2.0 * math.pi * math.floor(turn / (2.0 * math.pi) + 0.5)
         for i in range(3):
             rate = 0.0
             force = 0.0
@@ -129,10 +150,11 @@ def read_imu(p, s, row):
         s.coasted = 0
     elif s.coasted < COAST_TICKS:
         s.coasted += 1
-        roll = s.attitude_rad[0]
-        s.attitude_rad[0] += p.dt_s * (s.gyro_rad_s[0] + s.attitude_rad[1] * s.gyro_rad_s[2])  # small lean, as in mbbr_ekf.reset
-        s.attitude_rad[1] += p.dt_s * (s.gyro_rad_s[1] - roll * s.gyro_rad_s[2])
-        s.attitude_rad[2] += p.dt_s * s.gyro_rad_s[2]
+        if p.source == DMP:
+            roll = s.attitude_rad[0]
+            s.attitude_rad[0] += p.dt_s * (s.gyro_rad_s[0] + s.attitude_rad[1] * s.gyro_rad_s[2])  # small lean, as in mbbr_ekf.reset
+            s.attitude_rad[1] += p.dt_s * (s.gyro_rad_s[1] - roll * s.gyro_rad_s[2])
+            s.attitude_rad[2] += p.dt_s * s.gyro_rad_s[2]
     for i in range(4):
         row.quaternion[i] = s.quaternion[i]
     for i in range(3):

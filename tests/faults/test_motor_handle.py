@@ -15,7 +15,8 @@ IMPORTERS = {
     "mip_rt.doctor.motors": {"calibrate/motors.py", "lab/board.py"},
 }
 PULSES = {"doctor/motors.py", "calibrate/motors.py"}  # who calls MotorBench.pulse
-OUTPUT_LINES = {"hardware/gpio.py", "hardware/motors.py", "guard.py"}  # the class that drives lines
+# The class that drives lines; a board's table that gives a lamp a motor's line is refused (tests/hardware/test_boards.py).
+OUTPUT_LINES = {"hardware/gpio.py", "hardware/motors.py", "hardware/leds.py", "guard.py"}
 ATTRIBUTE = {"hardware/devices.py": {"close"}, "session.py": set()}  # methods called on a `.motors` there
 TREES = {str(path.relative_to(PACKAGE)): ast.parse(path.read_text()) for path in PACKAGE.rglob("*.py")}
 

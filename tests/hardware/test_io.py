@@ -81,20 +81,14 @@ def test_motors_start_off(kernel):
     assert kernel.sysfs.violations == [] and not motors.enabled
 
 
-@pytest.mark.parametrize("name", list(BOARDS))
-def test_motors_drive_forward_backward_and_stop(tmp_path, name):
-    kernel = Kernel(tmp_path)
-    motors = started_motors(kernel, name)
-    assert motors.enable() and write(motors, 12345, -777, 0)
-    pins = [BOARDS[name].motors[channel] for channel in (1, 3, 4)]
-    found = [
-        (kernel.sysfs.duty_ns(*pin.pwm), *(kernel.gpio.line_value(GPIO[b], o) for b, o in (pin.a, pin.b))) for pin in pins
-    ]
-    assert found == [(12345, 1, 0), (777, 0, 1), (0, 0, 0)]
+def test_motors_drive_forward_backward_and_stop(kernel):
+    motors = started_motors(kernel)
+    assert motors.enable() and write(motors, 12345, 777, 0)
+    assert [seen(kernel, channel)[:3] for channel in (1, 3, 4)] == [(12345, 1, 0), (777, 0, 1), (0, 0, 0)]  # output 3 is reversed
     assert write(motors, 5, -7, PERIOD * 2)  # shorter numbers over longer ones, and a clipped one
-    assert [kernel.sysfs.duty_ns(*pin.pwm) for pin in pins] == [5, 7, PERIOD]
+    assert [seen(kernel, channel)[0] for channel in (1, 3, 4)] == [5, 7, PERIOD]
     motors.off()
-    assert [kernel.sysfs.duty_ns(*pin.pwm) for pin in pins] == [0, 0, 0] and kernel.gpio.line_value(GPIO[0], 20) == 0
+    assert [seen(kernel, channel)[0] for channel in (1, 3, 4)] == [0, 0, 0] and seen(kernel)[3] == 0
     kernel.sysfs.service()
     assert kernel.sysfs.violations == []
 
@@ -222,6 +216,38 @@ def test_serial_port_refusals():
         SerialPort("/nowhere", 115200)
     with pytest.raises(RemoteError, match="baud"):
         SerialPort("/dev/null", 12345)
+
+
+def export(kernel, address, channel, period, enable):
+    """A channel as another program, or an earlier run, leaves it."""
+    chip = kernel.sysfs._chips[address]
+    (chip / "export").write_text(str(channel))
+    kernel.sysfs.service()
+    folder = kernel.sysfs._channel_folder(address, channel)
+    (folder / "period").write_text(f"{period}\n")
+    (folder / "enable").write_text(f"{enable}\n")
+
+
+@pytest.mark.parametrize("running", [0, 1])
+def test_periods_of_an_earlier_run_are_forgotten(kernel, running):
+    """Prevents a robot that refuses to start after its PWM frequency was changed, or after a kill: the chip's channels share a period."""
+    for address in EHRPWM[1:]:
+        for channel in (0, 1):
+            if (address, channel) != (EHRPWM[1], 1):
+                export(kernel, address, channel, 40000, running)
+    export(kernel, EHRPWM[1], 1, 40000, 0)  # nobody's, but it stands in the way
+    motors = started_motors(kernel)
+    assert motors.enable() and write(motors, 1000, 1000, 1000)
+    kernel.sysfs.service()
+    assert kernel.sysfs.violations == [] and [kernel.sysfs.duty_ns(EHRPWM[2], channel) for channel in (0, 1)] == [1000, 1000]
+
+
+def test_another_programs_running_channel_is_named(kernel):
+    """Prevents an EINVAL without explanation where the sibling channel runs with another period."""
+    export(kernel, EHRPWM[1], 1, 40000, 1)
+    with pytest.raises(MotorError, match="40000") as caught:
+        started_motors(kernel)
+    assert caught.value.code == "pwm_shared" and caught.value.cure
 
 
 def test_auto_board_asks_the_device_tree(tmp_path):

@@ -5,9 +5,10 @@ import hashlib
 from types import SimpleNamespace
 
 import pytest
+from chip import Clock
 
 from mip_rt.errors import DmpImageError, ImuError
-from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256
+from mip_rt.fake.mpu9250 import stand_in_image, stand_in_sha256
 from mip_rt.hardware import mpu9250_registers as r
 from mip_rt.hardware.imu_status import (
     IMU_BACKLOG,
@@ -23,23 +24,6 @@ from mip_rt.hardware.imu_status import (
 from mip_rt.hardware.mpu9250 import Mpu9250
 
 pytestmark = pytest.mark.armhf
-
-
-class Clock:
-    """Virtual time and the bus, as the driver's kernel."""
-
-    def __init__(self, **chip):
-        self.now = 0
-        self.slept = 0.0
-        self.chip = FakeMpu9250(lambda: self.now, **chip)
-        self.bus = FakeI2cBus(self.chip)
-
-    def sleep(self, seconds):
-        self.now += round(seconds * 1e9)
-        self.slept += seconds
-
-    def open_i2c(self, bus):
-        return self.bus
 
 
 def settings(tmp_path, **changes):

@@ -63,7 +63,7 @@ def test_panels_show_the_log(fallen):
     frames = log.frames
     assert np.array_equal(line(page, "roll", "dmp_ekf").values, np.degrees(frames["estimates"][:, 0, 0]))
     assert np.array_equal(line(page, "roll", "kf").values, np.degrees(frames["estimates"][:, 2, 0]))
-    assert np.allclose(line(page, "pitch", "DMP").values, np.degrees(frames["attitude_rad"][:, 1]))
+    assert np.allclose(line(page, "pitch", "attitude").values, np.degrees(frames["attitude_rad"][:, 1]))
     assert np.allclose(line(page, "pitch", "reference").values, np.degrees(frames["reference_lean_rad"][:, 1]))
     assert np.array_equal(line(page, "body command z", "applied").values, frames["command_applied"][:, 2])
     assert np.array_equal(line(page, "duty", "wheel 3").values, frames["duty"][:, 2])
@@ -170,7 +170,7 @@ def test_the_robot_on_two_wheels(make_log, rows, tmp_path):
     assert [p.title for p in page.columns[0]] == ["lean, forward", "tilt, sideways", "yaw rate", "way", "ground speed", "latency"]
     right = [p.title for p in page.columns[1]]
     assert right == ["body command x (forward)", "body command z (left)", "friction compensation", "duty", "wheel rate", "battery"]
-    assert line(page, "lean, forward", "DMP").values[0] == pytest.approx(math.degrees(0.3))
+    assert line(page, "lean, forward", "attitude").values[0] == pytest.approx(math.degrees(0.3))
     assert line(page, "lean, forward", "one").values[0] == pytest.approx(math.degrees(0.1))
     assert line(page, "lean, forward", "reference").values[0] == pytest.approx(math.degrees(0.2))
     assert line(page, "way", "one").values[-1] == pytest.approx(3.5 * 1.1) and line(page, "way", "reference").values[0] == pytest.approx(7.0)
@@ -184,7 +184,7 @@ def test_a_robot_that_this_program_does_not_know(make_log, rows):
     titles = [p.title for column in page.columns for p in column]
     assert titles == ["roll", "pitch", "yaw rate", "ground speed", "latency", "body command 1", "body command 2", "duty", "wheel rate", "battery"]
     assert [entry.label for entry in panel(page, "duty").lines] == ["wheel 1", "wheel 2"]
-    assert [entry.label for entry in panel(page, "pitch").lines] == ["DMP", "two", "one"]
+    assert [entry.label for entry in panel(page, "pitch").lines] == ["attitude", "two", "one"]
 
 
 def test_rows_full_of_nan_are_no_reason_to_fail(make_log, rows, tmp_path):

@@ -18,6 +18,7 @@ from mip_rt import frame, robots
 from mip_rt import log as logs
 from mip_rt.config import scenario as scenarios
 from mip_rt.errors import MipRtError
+from mip_rt.lab.attitude_sources import scenarios_of
 from mip_rt.log import block_format
 from mip_rt.log.block_format import SUFFIX, Kind
 from mip_rt.log.comparison import Comparison
@@ -30,12 +31,6 @@ LARGEST = 1_500_000  # bytes of all excerpts together
 LONGEST_S = 30.0  # of a scenario: what happens later is more of the same
 BEFORE, LENGTH = 4, 20  # ticks of a stretch before its moment and in all
 FILLING = 12  # moments in even distances, where there is room
-
-
-def scenarios_of(robot: str) -> list[str]:
-    """The shipped scenarios that are meant for a robot: spins in rad/s are the eduMIP's, those in Hz the MBBR's."""
-    found = sorted(scenarios.shipped())
-    return [name for name in found if name in ("hold", "drive") or name.endswith("-rad-s") == (robot == "edumip")]
 
 
 def wanted() -> dict[str, tuple]:

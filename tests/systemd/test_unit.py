@@ -139,12 +139,12 @@ def test_motors_off_switches_everything_off_within_100_ms(tree):
 
 def test_motors_off_leaves_other_pwm_and_unset_channels_alone(tree):
     """Prevents switching off what is not ours, and complaints about channels that were never set up."""
-    other = tree / "sys/devices/platform/ocp/48000000.interconnect/48300000.target-module/48300200.pwm/pwm/pwmchip1"
+    other = tree / "sys/devices/platform/ocp/48000000.interconnect/48300000.target-module/48300100.pwm/pwm/pwmchip0"
     (other / "pwm0").mkdir(parents=True)
     for name, value in (("period", "1000\n"), ("duty_cycle", "500\n"), ("enable", "1\n")):
         (other / "pwm0" / name).write_text(value)
     unset = channels(tree)[0]
-    (tree / "sys/class/pwm/pwmchip1").symlink_to(other)
+    (tree / "sys/class/pwm/pwmchip0").symlink_to(other)
     for name in ("period", "duty_cycle"):
         (unset / name).write_text("0\n")
         (unset / name).chmod(0o444)
@@ -174,7 +174,7 @@ def test_motors_off_knows_the_same_pins_as_the_boards():
     """Prevents a script that switches off the wrong chips after an edit of the pin tables."""
     text = MOTORS_OFF.read_text()
     for board in BOARDS.values():
-        assert all(pin.pwm[0] in text for pin in board.motors.values())
+        assert all(chip in text for pin in board.motors.values() for chip, _ in pin.channels)
         bank, offset = board.enable
         assert GPIO[bank] in text and f"base + {offset}" in text
     assert os.access(MOTORS_OFF, os.X_OK)
