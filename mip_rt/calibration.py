@@ -1,19 +1,14 @@
-"""What is known of this unit before it may balance: the gyro's bias from a still window, and the unit's calibration file.
+"""What is measured of this unit before it may balance: the gyro's bias from a still window.
 
 The bias that counts is always the one measured since the start, because it moves with temperature: at the start the robot must be still for a
-second, and while its motors are off every later still second renews it. The file (written when the unit is calibrated) is optional; where there is
-one, the bias at the start must be near the file's, which finds an IMU that was exchanged or is failing.
+second, and while its motors are off every later still second renews it. The unit's file (`mip_rt.unit_file`) is optional; where it has a bias, that
+of the start must be near it, which finds an IMU that was exchanged or is failing.
 """
 
-import json
 import math
-import time
-from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from mip_rt.errors import MipRtError
 from mip_rt.prearm import refusal
 
 STILL_S = 1.0  # length of the window in which the robot must be still
@@ -84,36 +79,3 @@ class GyroCalibration:
         if not (apart <= AGREEMENT_RAD and down @ said > 0.0):
             return refusal("attitude_disagrees", f"attitude and accelerometer differ by {math.degrees(apart):.1f} deg.")
         return None
-
-
-@dataclass
-class UnitFile:
-    """A unit's calibration file: JSON with unit, measured_unix_s, gyro_bias_rad_s."""
-
-    unit: str
-    measured_unix_s: float
-    gyro_bias_rad_s: tuple
-
-    def describe(self) -> str:
-        """Which unit, and how old."""
-        return f"unit {self.unit}, {max(0.0, time.time() - self.measured_unix_s) / 86400.0:.0f} days old"
-
-
-def load_unit_file(path: Path) -> UnitFile | None:
-    """The file's content; None where there is no file.
-
-    Raises:
-        MipRtError: calibration_invalid, with what is wrong.
-    """
-    try:
-        content = json.loads(path.read_text())
-        bias = tuple(float(value) for value in content["gyro_bias_rad_s"])
-        unit = UnitFile(str(content["unit"]), float(content["measured_unix_s"]), bias)
-        if len(bias) != 3 or not all(math.isfinite(value) for value in (*bias, unit.measured_unix_s)):
-            raise ValueError("three finite numbers are wanted in gyro_bias_rad_s, and a time in measured_unix_s")
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        problem = f"{type(error).__name__}: {error}"
-        raise MipRtError(f"the calibration file {path} cannot be used: {problem}.", "Repair or remove it.", "calibration_invalid") from error
-    return unit

@@ -28,6 +28,8 @@ VERBS = {
     "replay": Verb("mip_rt.log.replay", "run a log again through the same code; equality is asserted", "mip-rt replay dry-run-hold-seed1.ring"),
     "log": Verb("mip_rt.log.commands", "look into a log: info, plot, export, tail, diff, spectrum", "mip-rt log info"),
     "monitor": Verb("mip_rt.monitor.commands", "watch a running loop: terminal, JSON lines or web page", "mip-rt monitor --web"),
+    "doctor": Verb("mip_rt.doctor.commands", "what is wrong with board, bus, IMU, encoders, motors, system, and what to do", "mip-rt doctor"),
+    "calibrate": Verb("mip_rt.calibrate.commands", "measure this unit: gyro, level, accelerometer, encoders, motors", "mip-rt calibrate gyro"),
     "warm-up": Verb("mip_rt.warm_up", "compile everything and keep it", "mip-rt warm-up"),
     "dmp": Verb("mip_rt.dmp_commands", "get the IMU's DMP image out of what you hold; check it", "mip-rt dmp extract librobotcontrol/"),
     "firmware": Verb("mip_rt.firmware.commands", "overlay, U-Boot, udev, modprobe: show, diff, apply, revert", "mip-rt firmware diff"),

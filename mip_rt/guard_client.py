@@ -98,6 +98,7 @@ class GuardProcess(GuardClient):
     """
 
     def __init__(self, line, timeout_s: float, realtime, module: str = "mip_rt.guard", arguments=()):
+        self._ready = False
         memory = os.memfd_create("mip-rt-guard")
         os.ftruncate(memory, WORDS_BYTES)
         control, self._control = os.pipe()
@@ -117,16 +118,19 @@ class GuardProcess(GuardClient):
         self.pid = self._process.pid
 
     def wait_ready(self) -> None:
-        """Returns when the guard holds the line, low.
+        """Returns when the guard holds the line, low; at once where that is known already.
 
         Raises:
             GpioError: it does not get the line, or does not start.
         """
+        if self._ready:
+            return
         output, poll = self._process.stdout, select.poll()
         poll.register(output, select.POLLIN)
         report = output.readline().decode() if poll.poll(START_LIMIT_S * 1e3) else ""
         state, *rest = report.rstrip("\n").split("\t")
         if state == "ready":
+            self._ready = True
             self.warnings = [f"guard: {warning}" for warning in rest[2:]]
             return
         self.close()

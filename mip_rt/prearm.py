@@ -86,7 +86,7 @@ class PreArm:
         config: the configuration.
         devices: opened drivers.
         calibration: calibration.GyroCalibration.
-        unit_file: calibration.UnitFile, None where there is none, or the MipRtError that says why it cannot be used.
+        unit_file: unit_file.UnitFile, None where there is none, or the MipRtError that says why it cannot be used.
         log_folder: where the log goes.
         self_test: sentences of what the supervisor's own test found.
 
@@ -122,7 +122,7 @@ class PreArm:
             yield refusal("gyro_bias_old", f"the gyro's bias was measured {age_s / 60.0:.0f} minutes ago.")
         if isinstance(unit, MipRtError):
             yield refusal("calibration_invalid", unit.sentence)
-        elif unit is not None and calibration.done:
+        elif unit is not None and unit.gyro_bias_rad_s is not None and calibration.done:
             apart = max(abs(a - b) for a, b in zip(calibration.bias_rad_s, unit.gyro_bias_rad_s))
             if not apart <= NEAR_FILE_RAD_S:
                 yield refusal("calibration_differs", f"the gyro's rate at rest is {apart:.2f} rad/s from that of the calibration file ({unit.describe()}).")

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from mip_rt import frame, realtime, robots, self_test
-from mip_rt.calibration import GyroCalibration, load_unit_file
+from mip_rt.calibration import GyroCalibration
 from mip_rt.errors import MipRtError
 from mip_rt.hardware.compiled_io import compile_for
 from mip_rt.hardware.devices import open_devices
@@ -25,6 +25,7 @@ from mip_rt.loop import Loop
 from mip_rt.prearm import PreArm
 from mip_rt.summary import Summary
 from mip_rt.supervisor import FAULT_BY_NUMBER, State, Supervisor
+from mip_rt.unit_file import UnitFile, apply_unit_file
 
 ABSORB_EVERY = 64  # ticks between looks of the summary: some 0.1 ms of work
 ABSORB_EVERY_VIRTUAL = 1024  # on virtual time nothing is late, and fewer looks are cheaper
@@ -63,8 +64,10 @@ class Session:
         self, config, bench, log_folder: Path, remote_device, seed: int, scenario_name: str = "", record_folder: Path | None = None,
         guard=None,
     ):  # fmt: skip
-        self.config, self.bench, self.seed = config, bench, seed
+        self.bench, self.seed = bench, seed
         self.kernel = bench.kernel if bench else Kernel()
+        config, self.unit = apply_unit_file(config, self.kernel)
+        self.config = config
         setup = robots.setup(config.robot)
         self.robot = setup.build(config)
         rows = round(config.log.ring_s * config.realtime.rate_hz)
@@ -75,7 +78,7 @@ class Session:
             "estimators": self.robot.names,
             "state_layout": persistence.layout,
             "codes": codes(),
-            "calibration": {"gyro_bias_rad_s": self.robot.gyro_bias_rad_s},
+            "calibration": {"gyro_bias_rad_s": self.robot.gyro_bias_rad_s} | (self.unit.applied() if isinstance(self.unit, UnitFile) else {}),
         }
         if bench:
             extra |= {"seed": seed, "scenario": scenario_name}
@@ -108,7 +111,7 @@ class Session:
         )  # fmt: skip
         self.calibration = GyroCalibration(config.realtime.rate_hz)
         self.prearm = PreArm(
-            config, self.devices, self.calibration, self._unit_file(), self.ring.path.parent, self_test.run(config.limits, dt_s)
+            config, self.devices, self.calibration, self.unit, self.ring.path.parent, self_test.run(config.limits, dt_s)
         )
         self.summary = Summary(self.robot.names, dt_s, setup.Judge(config))
         self.scheduling = realtime.Scheduling()
@@ -117,12 +120,6 @@ class Session:
         self._absorbed, self._absorb_every = 0, ABSORB_EVERY
         self.loop_s = math.nan
         self._in_fault = False
-
-    def _unit_file(self):
-        try:
-            return load_unit_file(self.kernel.path(self.config.imu.calibration_file.lstrip("/")))
-        except MipRtError as error:
-            return error
 
     def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True, service=None) -> dict:
         """Turns the loop for `duration_s` (or until stopped); returns the summary. The motors are off afterwards, however it ends."""

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from helpers import DryRun, make_config
 
-from mip_rt import prearm, safety, self_test
-from mip_rt.calibration import GyroCalibration, load_unit_file
+from mip_rt import prearm, safety, self_test, session
+from mip_rt.calibration import GyroCalibration
 from mip_rt.config.scenario import Event, Scenario
 from mip_rt.console import Live
 from mip_rt.errors import MipRtError
@@ -19,6 +19,7 @@ from mip_rt.prearm import CHECKS, failing
 from mip_rt.realtime import Scheduling
 from mip_rt.session import Session
 from mip_rt.supervisor import CONDITION_SENTENCES, TRANSITIONS, Condition, State, Transition
+from mip_rt.unit_file import apply_unit_file, load_unit_file
 
 
 def script(*events):
@@ -186,16 +187,15 @@ def unit_file(bias, **changes):
 ])  # fmt: skip
 def test_calibration_file_of_the_unit(tmp_path, monkeypatch, text, code):
     """No file: the bias measured at the start counts. A file: it must be whole, and agree."""
-    unit = Session._unit_file
 
-    def place_first(self):
+    def place_first(config, kernel):
         if text is not None:
-            file = self.kernel.path("var/lib/mip-rt/calibration.json")
+            file = kernel.path("var/lib/mip-rt/calibration.json")
             file.parent.mkdir(parents=True)
             file.write_text(text)
-        return unit(self)
+        return apply_unit_file(config, kernel)
 
-    monkeypatch.setattr(Session, "_unit_file", place_first)
+    monkeypatch.setattr(session, "apply_unit_file", place_first)
     with disarmed(tmp_path) as dry:
         dry.until(lambda: dry.state is State.DISARMED)
         dry.until(lambda: dry.session.loop.ticks % 40 == 1)

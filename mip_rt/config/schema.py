@@ -27,6 +27,13 @@ MODEL = {
                       choices=("exact", "inertial-lagrange", "printed")),
 }  # fmt: skip
 
+# What `mip-rt calibrate` finds of one unit's IMU; its file takes the place of these values.
+UNIT_IMU = {
+    "accel_gain": numbers((1.0, 1.0, 1.0), "Accelerometer, chip axes: true = gain * measured - offset.", 3, low=0.8, high=1.25),
+    "accel_offset_m_s2": numbers((0.0, 0.0, 0.0), "Offset of the accelerometer, chip axes, after the gain.", 3, "m/s^2", -2, 2),
+    "level_rad": numbers((0.0, 0.0), "Roll and pitch that the IMU shows while the body's lean is zero.", 2, "rad", -0.2, 0.2),
+}
+
 DRY_RUN = {
     "initial_lean_rad": numbers((0.03, -0.02), "Roll and pitch at which the operator holds the robot.", 2, "rad", -0.5, 0.5),
     "gyro_noise_rad_s": N(0.001442, "Gyro noise, standard deviation (T 6.23).", unit="rad/s", low=0, high=1),
@@ -105,6 +112,7 @@ MBBR = {
         "dmp_orientation": Choice("y_up", "Which chip axis points up (A).",
                                   choices=("z_up", "z_down", "x_up", "x_down", "y_up", "y_down", "x_forward", "x_back")),
         "mounting": matrix(((1, 0, 0), (0, 0, -1), (0, 1, 0)), "Body axes from chip axes, row by row, for accelerometer and gyro."),
+        **UNIT_IMU,
         "position_m": numbers((0.0, 0.0, 0.130), "IMU from the ball's centre, body axes, l_a.", 3, "m", -1, 1),
         "calibration_file": Text("/var/lib/mip-rt/calibration.json", "This unit's calibration; without it the bias measured at the start counts alone.",
                                  wanted="a path"),

@@ -7,7 +7,7 @@ import numpy as np
 from mip_rt.compiled import njit, numba, record_array
 from mip_rt.fake import plant
 from mip_rt.models import friction, mip
-from mip_rt.robots.edumip_sensors import mounting
+from mip_rt.models.mounting import about_axle
 from mip_rt.robots.edumip_setup import imu_position, model_parameters
 
 WHEELS = 2
@@ -182,7 +182,7 @@ def configure(p, config) -> None:
     p.coulomb_n_m = config.friction.coulomb_n_m * error.friction * dry.friction
     p.viscous_n_m_s_rad = config.friction.viscous_n_m_s_rad * error.friction * dry.friction
     p.mount_angle_rad = config.imu.mount_angle_rad
-    p.chip_from_body[:] = mounting(config.imu.mounting, config.imu.mount_angle_rad).T
+    p.chip_from_body[:] = (about_axle(config.imu.mount_angle_rad) @ np.array(config.imu.mounting, float)).T
 
 
 def hold(s, lean_rad) -> None:

@@ -12,11 +12,11 @@ TEXTS = {"word": b"garbage\n", "empty": b"", "huge": b"9" * 40 + b"\n", "negativ
 
 
 # -- encoders ----------------------------------------------------------------------------------------------------------
-def _offset(injector, wheel: int, counts: int) -> None:
+def shift_counts(injector, wheel: int, counts: int) -> None:
     """The shown count of a wheel differs by so much more, for good."""
     offsets = injector.count_offset
     if not offsets:
-        offsets.update({0: 0, 1: 0, 2: 0})
+        offsets.update(dict.fromkeys(range(len(injector.bench.world.counts)), 0))
         injector.taps.add(
             injector.bench.kernel.motor_wiring, "show_encoders", lambda call, shown: call(shown + np.array([offsets[i] for i in range(len(shown))]))
         )
@@ -29,7 +29,7 @@ def _count(injector, wheel: int) -> int:
 
 def encoder_stuck(injector, fault):
     """The count that the wheel had; afterwards it goes on from there, as a line that is plugged in again."""
-    _offset(injector, 0, 0)
+    shift_counts(injector, 0, 0)
     wheel = fault.p.wheel - 1
     held = _count(injector, wheel)
 
@@ -43,7 +43,7 @@ def encoder_stuck(injector, fault):
 
     def undo():
         remove()
-        _offset(injector, wheel, held - _count(injector, wheel))
+        shift_counts(injector, wheel, held - _count(injector, wheel))
 
     return undo
 
@@ -51,12 +51,12 @@ def encoder_stuck(injector, fault):
 def encoder_jump(injector, fault):
     """Once."""
     fault.hits += 1
-    _offset(injector, fault.p.wheel - 1, fault.p.counts)
+    shift_counts(injector, fault.p.wheel - 1, fault.p.counts)
 
 
 def encoder_sign(injector, fault):
     """Mirrored about the count that the wheel had."""
-    _offset(injector, 0, 0)
+    shift_counts(injector, 0, 0)
     wheel = fault.p.wheel - 1
     centre = _count(injector, wheel)
 
@@ -70,7 +70,7 @@ def encoder_sign(injector, fault):
 
     def undo():
         remove()
-        _offset(injector, wheel, 2 * (centre - _count(injector, wheel)))
+        shift_counts(injector, wheel, 2 * (centre - _count(injector, wheel)))
 
     return undo
 
@@ -79,9 +79,9 @@ def encoder_wrap(injector, fault):
     """To `margin` counts before 2^32."""
     fault.hits += 1
     wheel = fault.p.wheel - 1
-    _offset(injector, wheel, 0)
+    shift_counts(injector, wheel, 0)
     shown = _count(injector, wheel) + injector.count_offset[wheel]
-    _offset(injector, wheel, (1 << 32) - fault.p.margin - shown)
+    shift_counts(injector, wheel, (1 << 32) - fault.p.margin - shown)
 
 
 def encoder_error(injector, fault):

@@ -1,9 +1,11 @@
 """Opens all devices of a robot in the order that is safe, and closes them again."""
 
 import math
+from contextlib import ExitStack
 from dataclasses import dataclass
 from types import SimpleNamespace
 
+from mip_rt.errors import ImuError
 from mip_rt.hardware import compiled_io
 from mip_rt.hardware.battery import Battery
 from mip_rt.hardware.boards import GPIO, board, serial_device
@@ -55,20 +57,52 @@ def open_devices(kernel, config, enable, remote_device: str | None, image=None) 
     """
     pins = board(config.board, kernel)
     enable.wait_ready()
-    motors = Motors(kernel, pins, config.motors.channels, round(1e9 / config.motor.pwm_frequency_hz), enable)
-    motors.start()
-    counters = compiled_io.records(compiled_io.COUNTERS, len(config.encoders.channels))
-    encoders = tuple(Encoder(kernel, pins.encoders[channel - 1], counters, i) for i, channel in enumerate(config.encoders.channels))
-    for encoder in encoders:
-        encoder.start()
-    battery = Battery(kernel, config.battery)
-    button = InputEvents(kernel, GPIO[pins.arm_button[0]], pins.arm_button[1], "falling", "mip-rt arm")
-    port = SerialPort(serial_device(remote_device, pins, kernel), config.remote.baud) if remote_device else None
-    imu_line = InputEvents(kernel, GPIO[pins.imu_interrupt[0]], pins.imu_interrupt[1], "falling", "mip-rt imu")
+    with ExitStack() as opened:  # where a later device refuses, the earlier ones are closed, and a new attempt finds nothing taken
+        motors = Motors(kernel, pins, config.motors.channels, round(1e9 / config.motor.pwm_frequency_hz), enable)
+        opened.callback(motors.close)
+        motors.start()
+        counters = compiled_io.records(compiled_io.COUNTERS, len(config.encoders.channels))
+        encoders = tuple(Encoder(kernel, pins.encoders[channel - 1], counters, i) for i, channel in enumerate(config.encoders.channels))
+        for encoder in encoders:
+            opened.callback(encoder.close)
+            encoder.start()
+        battery = _closed_with(opened, Battery(kernel, config.battery))
+        button = _closed_with(opened, InputEvents(kernel, GPIO[pins.arm_button[0]], pins.arm_button[1], "falling", "mip-rt arm"))
+        port = _closed_with(opened, SerialPort(serial_device(remote_device, pins, kernel), config.remote.baud)) if remote_device else None
+        imu_line = _closed_with(opened, interrupt_line(kernel, pins))
+        imu = make_imu(kernel, config, image)
+        opened.callback(imu.stop)
+        imu.start()
+        opened.pop_all()
+    remote = RemoteCommand(port, FourJoyDecoder(), config.remote)
+    return Devices(imu, imu_line, encoders, counters, motors, battery, button, remote, port, Leds(kernel, pins.leds), battery.read())
+
+
+def _closed_with(opened: ExitStack, part):
+    opened.callback(part.close)
+    return part
+
+
+def interrupt_line(kernel, pins) -> InputEvents:
+    """The IMU's interrupt line of a board."""
+    return InputEvents(kernel, GPIO[pins.imu_interrupt[0]], pins.imu_interrupt[1], "falling", "mip-rt imu")
+
+
+def make_imu(kernel, config, image=None) -> Mpu9250:
+    """The IMU's driver, not started.
+
+    Args:
+        image: (path, sha256) of another DMP image than the configuration's.
+
+    Raises:
+        ImuError: there is no such bus, or it may not be opened.
+    """
     settings = config.imu
     if image is not None:
         settings = SimpleNamespace(**{**vars(config.imu), "dmp_image": image[0], "dmp_image_sha256": image[1]})
-    imu = (RawMpu9250 if settings.attitude == "onboard" else Mpu9250)(kernel, settings, config.realtime.rate_hz)
-    imu.start()
-    remote = RemoteCommand(port, FourJoyDecoder(), config.remote)
-    return Devices(imu, imu_line, encoders, counters, motors, battery, button, remote, port, Leds(kernel, pins.leds), battery.read())
+    try:
+        return (RawMpu9250 if settings.attitude == "onboard" else Mpu9250)(kernel, settings, config.realtime.rate_hz)
+    except OSError as error:
+        raise ImuError(
+            f"the I2C bus {settings.bus} cannot be opened: {error.strerror}.", "Join the groups i2c and gpio; see imu.bus; run mip-rt doctor.", "imu_bus"
+        ) from error

@@ -6,6 +6,7 @@ the methods here.
 
 import fcntl
 import select
+import subprocess
 import time
 from pathlib import Path
 
@@ -47,6 +48,18 @@ class Kernel:
     def ioctl(self, fd: int, request: int, argument, mutate: bool = True):
         """fcntl.ioctl."""
         return fcntl.ioctl(fd, request, argument, mutate)
+
+    def command(self, *words: str, timeout_s: float = 10.0) -> tuple[int, str]:
+        """(exit code, output and error) of another program; 127 where it is missing, 124 where it took too long. For mip-rt doctor only."""
+        try:
+            done = subprocess.run(words, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=timeout_s)
+        except FileNotFoundError:
+            return 127, f"{words[0]}: not found"
+        except subprocess.TimeoutExpired:
+            return 124, f"{words[0]} did not end within {timeout_s:g} s"
+        except OSError as error:
+            return 126, str(error)
+        return done.returncode, done.stdout.decode(errors="replace")
 
     def open_i2c(self, bus: int):
         """A hardware.i2c.I2cBus; drivers use `i2c_rdwr`, `prepare`, `transfer` and `close` only."""

@@ -80,6 +80,10 @@ class Motors:
             way = [channel.fd for channel in (self._pwm[i], *self._pwm_back[i : i + 1])][::polarity]
             self._pulses["fd"][0, i :: compiled_io.MOST][: len(way)] = way
 
+    def differences(self) -> list[list[str]]:
+        """By wheel: what the kernel says of its PWM channel and should not, while all are off."""
+        return [channel.differences(self._period_ns) for channel in self._pwm]
+
     def attach(self, rows) -> None:
         """Takes pulses from these rows of frames and notes there what was applied."""
         self._rows = rows

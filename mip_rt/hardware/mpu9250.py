@@ -12,6 +12,7 @@ import struct
 from mip_rt.errors import ImuError
 from mip_rt.hardware import dmp
 from mip_rt.hardware import mpu9250_registers as r
+from mip_rt.hardware.bus_errors import explain
 from mip_rt.hardware.imu_status import (
     IMU_BACKLOG,
     IMU_BAD_NORM,
@@ -30,13 +31,6 @@ NORM_TOLERANCE = 0.01
 Q30 = float(1 << 30)
 HALF_WRITTEN_WAIT_S = 200e-6
 INTERNAL_HZ = 1000.0  # that SMPLRT_DIV divides while a low-pass is on
-ERRNO_CURES = {
-    121: "Nothing answers at the address: check power and wiring of the IMU.",
-    110: "The bus timed out: SDA or SCL is held low, or the pull-ups are missing.",
-    5: "The bus controller reported an error: shorten the cable, add 2.2 kOhm pull-ups.",
-    11: "Another master holds the bus.",
-    16: "A kernel driver holds the IMU: unbind inv-mpu6050-i2c from 2-0068.",
-}
 _QUATERNION = struct.Struct(">4i")
 
 
@@ -97,6 +91,22 @@ class Mpu9250:
         for address, data in dmp.feature_writes(s.dmp_orientation, s.accel_range_g, self._rate_hz):
             self._step(f"DMP feature at {address}", lambda a=address, d=data: self._write_memory(a, d))
         self._step("start the FIFO", self.recover)
+        self._step("verify the settings", lambda: self._verify(image))
+
+    def _verify(self, image: bytes) -> None:
+        """The chip has kept what it was given: it has not lost its power in between."""
+        s = self._settings
+        expected = [
+            (r.GYRO_CONFIG, bytes((r.GYRO_RANGE_CODES[s.gyro_range_dps] << 3, r.ACCEL_RANGE_CODES[s.accel_range_g] << 3))),
+            (r.USER_CTRL, bytes((r.USER_DMP_EN | r.USER_FIFO_EN, 0x01, 0x00))),
+            (r.PRGM_START_H, bytes((r.DMP_START >> 8, r.DMP_START & 0xFF))),
+        ]
+        wrong = [register for register, values in expected if self._read(register, len(values)) != values]
+        self._write(r.BANK_SEL, 0, 0)
+        if not wrong and self._read(r.MEM_R_W, dmp.CHUNK) == image[: dmp.CHUNK]:
+            return
+        place = f"register 0x{wrong[0]:02x}" if wrong else "the DMP's memory"
+        raise ImuError(f"{place} has lost what was written.", "The IMU's supply fails for moments: check its plug and its 3.3 V.", "imu_settings")
 
     def _bring_up(self) -> None:
         self._step("reset", self._reset)
@@ -109,9 +119,11 @@ class Mpu9250:
                 return action()
             except OSError as error:
                 if attempt == RETRIES - 1:
-                    cure = ERRNO_CURES.get(error.errno, "Check the I2C bus.")
-                    raise ImuError(f"the IMU's step '{name}' failed: {error}.", cure, "imu_bus") from error
+                    words, cure = explain(error)
+                    raise ImuError(f"the IMU's step '{name}' failed: {words}.", cure, "imu_bus") from error
                 self._kernel.sleep(0.01)
+            except ImuError as error:
+                raise ImuError(f"the IMU's step '{name}' failed: {error.sentence}", error.cure, error.code) from error
 
     def _reset(self) -> None:
         self._write(r.PWR_MGMT_1, r.H_RESET)

@@ -112,6 +112,12 @@ class PwmChannel:
             "pwm_refused",
         )
 
+    def differences(self, period_ns: int) -> list[str]:
+        """What the kernel says of the channel and should not, after `start`; OSError where it says nothing."""
+        wanted = {"period": str(period_ns), "duty_cycle": "0", "enable": "1", "polarity": "normal"}
+        found = {name: sysfs.read(self.folder / name) for name in wanted}
+        return [f"{name} is {found[name]}, not {value}" for name, value in wanted.items() if found[name] != value]
+
     @property
     def fd(self) -> int:
         """The open duty_cycle, to which pulses are written in ns; -1 before `start` and after `close`."""

@@ -144,10 +144,16 @@ def start_s(robot: str = "mbbr") -> float:
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "attitude", "broad"),
+    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "attitude", "broad", "board", "bring-up"),
                         help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; cost of the log in the "
                         "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang; "
-                        "false alarms in ordinary driving; tilt error with the DMP and without; onboard attitude on recordings with motion capture")  # fmt: skip
+                        "false alarms in ordinary driving; tilt error with the DMP and without; onboard attitude on recordings with motion capture; "
+                        "every stage of a tick on this board, motors off; starts of the IMU with a fault")  # fmt: skip
+    parser.add_argument("--dry-run", action="store_true", help="board: on the fake board")
+    parser.add_argument("--seconds", metavar="S", type=float, default=20.0, help="board: how long")
+    parser.add_argument("--load", action="store_true", help="board: also while the processor and the disk are busy")
+    parser.add_argument("--config", metavar="FILE", help="board: configuration file")
+    parser.add_argument("--runs", metavar="N", type=int, default=1000, help="bring-up: how many")
     parser.add_argument("--data", metavar="FOLDER", help="broad: folder of the recordings")
     parser.add_argument("--hours", metavar="N", type=float, default=1.0, help="alarms: simulated hours of driving")
     parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr", help="whose costs `steps` measures")
@@ -172,6 +178,17 @@ def run(arguments) -> int:
         found = alarms.run(arguments.hours, arguments.cluster, arguments.workers)
         print(json.dumps(found)) if arguments.json else alarms.print_table(found)
         return int(any(result["faults"] or any(result["graded"].values()) for result in found))
+    elif arguments.what == "board":
+        from mip_rt.lab import board
+
+        found = board.run(arguments.dry_run, arguments.seconds, arguments.load, arguments.config, arguments.robot if not arguments.config else None)
+        print(json.dumps(found)) if arguments.json else board.render(found)
+    elif arguments.what == "bring-up":
+        from mip_rt.lab import bring_up
+
+        found = bring_up.run(100 if arguments.quick else arguments.runs, progress)
+        print(json.dumps(found)) if arguments.json else bring_up.render(found)
+        return int(any(result["broken"] for result in found))
     elif arguments.what == "attitude":
         from mip_rt.lab import attitude_sources
 

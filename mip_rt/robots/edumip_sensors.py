@@ -3,8 +3,6 @@
 The quaternion in the frame stays the board's, as the DMP gives it; `attitude_rad` is the body's.
 """
 
-import math
-
 import numpy as np
 
 from mip_rt.compiled import njit
@@ -22,12 +20,6 @@ PARAMETERS = np.dtype(
     align=True,
 )
 STATE = np.dtype([*sensors.state_fields(WHEELS), ("rolling_rad_s", "f8", (3,))], align=True)
-
-
-def mounting(chip_to_board, mount_angle_rad: float) -> np.ndarray:
-    """Body axes from chip axes (3, 3) of a board that is turned about the axle against the body: body = Rx(-angle) board."""
-    c, s = math.cos(mount_angle_rad), math.sin(mount_angle_rad)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, s], [0.0, -s, c]]) @ np.array(chip_to_board, float)
 
 
 @njit

@@ -115,7 +115,6 @@ def build(config, shadows=None) -> Robot:
     p.nominal_voltage_v = config.motor.nominal_voltage_v
     p.battery_pole = pole_from_rate(BATTERY_SMOOTHING_RAD_S, dt_s)
     sensors.configure(p.sensors, config, dt_s)
-    p.sensors.mounting[:] = edumip_sensors.mounting(config.imu.mounting, config.imu.mount_angle_rad)
     p.sensors.mount_angle_rad = config.imu.mount_angle_rad
     p.sensors.radius_by_track = config.model.wheel_radius_m / config.model.track_m
     p.sensors.rolling_radius_m = config.model.wheel_radius_m

@@ -14,6 +14,7 @@ import numpy as np
 from mip_rt import frame
 from mip_rt.compiled import njit
 from mip_rt.controllers import filters
+from mip_rt.models.mounting import body_from_chip, level_quaternion
 
 IMU_USABLE = 1  # hardware.imu_status.IMU_OK
 DMP, ONBOARD = 0, 1  # where the attitude comes from
@@ -28,6 +29,9 @@ def parameter_fields(wheels: int) -> list:
         ("mounting", "f8", (3, 3)),  # body = mounting chip
         ("gyro_scale_rad_s", "f8"),  # per count
         ("accel_scale_m_s2", "f8"),  # per count
+        ("accel_gain", "f8", (3,)),  # chip axes, of this unit
+        ("accel_offset", "f8", (3,)),  # counts, chip axes, of this unit
+        ("level_quaternion", "f8", (4,)),  # body from IMU, as mounted in this unit
         ("count_scale_rad", "f8", (wheels,)),  # signed wheel angle per count
         ("wheel_jump_rad", "f8"),  # largest credible wheel motion in one tick
         ("source", "i8"),  # DMP or ONBOARD
@@ -55,7 +59,10 @@ def configure(p, config, dt_s: float) -> None:
     """Fills the fields of `parameter_fields` from the imu, motor and encoders sections, but for what rolls and its lever."""
     motor = config.motor
     p.rate_hz, p.dt_s = 1.0 / dt_s, dt_s
-    p.mounting[:] = config.imu.mounting
+    p.mounting[:] = body_from_chip(config.imu)
+    p.level_quaternion[:] = level_quaternion(config.imu.level_rad)
+    p.accel_gain[:] = config.imu.accel_gain
+    p.accel_offset[:] = np.array(config.imu.accel_offset_m_s2) / (config.imu.accel_range_g * 9.80665 / 32768.0)
     p.gyro_scale_rad_s = math.radians(config.imu.gyro_range_dps) / 32768.0
     p.accel_scale_m_s2 = config.imu.accel_range_g * 9.80665 / 32768.0
     p.count_scale_rad[:] = [2.0 * math.pi * sign / config.encoders.counts_per_turn for sign in config.encoders.signs]
@@ -81,6 +88,18 @@ def _int32(packet, at):
 
 
 @njit
+def _turned_back(level, w, x, y, z):
+    """Attitude of the body from that of the IMU, which is turned by `level` against it: q conj(level)."""
+    a, b, c, d = level[0], -level[1], -level[2], -level[3]
+    return (
+        w * a - x * b - y * c - z * d,
+        w * b + x * a + y * d - z * c,
+        w * c - x * d + y * a + z * b,
+        w * d + x * c - y * b + z * a,
+    )
+
+
+@njit
 def show_attitude(s, w, x, y, z):
     """Keeps a normalised quaternion and its angles."""
     s.quaternion[0] = w
@@ -95,7 +114,7 @@ def show_attitude(s, w, x, y, z):
 
 
 @njit
-def _read_quaternion(s, packet):
+def _read_quaternion(p, s, packet):
     """The DMP's; returns False where it is none."""
     w = float(_int32(packet, 0))
     x = float(_int32(packet, 4))
@@ -104,7 +123,8 @@ def _read_quaternion(s, packet):
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     if not norm > 0.0:
         return False
-    show_attitude(s, w / norm, x / norm, y / norm, z / norm)
+    w, x, y, z = _turned_back(p.level_quaternion, w / norm, x / norm, y / norm, z / norm)
+    show_attitude(s, w, x, y, z)
     return True
 
 
@@ -117,13 +137,13 @@ def read_imu(p, s, row):
     packet = row.imu_packet
     fresh = (row.imu_status & IMU_USABLE) != 0
     if fresh and p.source == DMP:
-        fresh = _read_quaternion(s, packet)
+        fresh = _read_quaternion(p, s, packet)
     if fresh:
         for i in range(3):
             rate = 0.0
             force = 0.0
             for k in range(3):
-                force += p.mounting[i, k] * _int16(packet, 16 + 2 * k)
+                force += p.mounting[i, k] * (p.accel_gain[k] * _int16(packet, 16 + 2 * k) - p.accel_offset[k])
                 rate += p.mounting[i, k] * _int16(packet, 22 + 2 * k)
             s.gyro_rad_s[i] = rate * p.gyro_scale_rad_s - row.gyro_bias_rad_s[i]
             s.acceleration_m_s2[i] = -force * p.accel_scale_m_s2

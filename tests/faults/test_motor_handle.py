@@ -6,8 +6,15 @@ from pathlib import Path
 import mip_rt
 
 PACKAGE = Path(mip_rt.__file__).parent
-# Who may know of each module: motors.py drives the channels, devices.py opens it for the supervisor.
-IMPORTERS = {"mip_rt.hardware.pwm": {"hardware/motors.py"}, "mip_rt.hardware.motors": {"hardware/devices.py"}}
+# Who may know of each module: motors.py drives the channels, devices.py opens it for the supervisor, motor_bench.py for short pulses while nothing runs,
+# which doctor asks for (and calibrate through doctor), always after a typed yes, and `bench board`, which only times writes of zero.
+IMPORTERS = {
+    "mip_rt.hardware.pwm": {"hardware/motors.py"},
+    "mip_rt.hardware.motors": {"hardware/devices.py", "hardware/motor_bench.py"},
+    "mip_rt.hardware.motor_bench": {"doctor/motors.py"},
+    "mip_rt.doctor.motors": {"calibrate/motors.py", "lab/board.py"},
+}
+PULSES = {"doctor/motors.py", "calibrate/motors.py"}  # who calls MotorBench.pulse
 # The class that drives lines; a board's table that gives a lamp a motor's line is refused (tests/hardware/test_boards.py).
 OUTPUT_LINES = {"hardware/gpio.py", "hardware/motors.py", "hardware/leds.py", "guard.py"}
 ATTRIBUTE = {"hardware/devices.py": {"close"}, "session.py": set()}  # methods called on a `.motors` there
@@ -62,7 +69,17 @@ def test_only_the_supervisor_calls_the_motors():
         assert len(handed_on) == (1 if file == "session.py" else 0), file
         held = set(uses(tree, "_motors")) - {None}
         if held & methods:
-            assert file in ("supervisor.py", "self_test.py"), file
+            assert file in ("supervisor.py", "self_test.py", "hardware/motor_bench.py"), file
+
+
+def test_pulses_come_from_two_places_each_behind_a_yes():
+    """`bench.pulse(...)`; in both files `agrees` stands before the first of them."""
+    for file, tree in TREES.items():
+        pulses = [node.lineno for node in ast.walk(tree) if isinstance(node, ast.Attribute) and node.attr == "pulse"]
+        assert not pulses or file in PULSES, file
+        if pulses:
+            asked = [node.lineno for node in ast.walk(tree) if isinstance(node, ast.Attribute) and node.attr == "agrees"]
+            assert asked and min(asked) < min(pulses), file
 
 
 def test_nobody_writes_a_pwm_file_past_the_driver():
