@@ -27,7 +27,7 @@ CENTRAL = {
     "dissertation-fig-6.6": ("with c2 = 0.2", "with the printed gains"),
     "dissertation-table-6.1": ("the robot balances",),
     "dissertation-fig-6.14": ("at 1 Hz and more the DMP", "EKF and KF have almost"),
-    "dissertation-fig-6.24": ("the line's frequency",),
+    "dissertation-fig-6.24": ("at every drive rate", "the line's frequency"),
     "dissertation-figs-6.25-6.32": ("DMP+KF drives stably", "the EKF drives stably", "at 1.5 Hz DMP+KF"),
     "omurchadha-fig-2": ("both angles", "energy"),
     "omurchadha-figs-3-4": ("Fig. 3", "Fig. 4: PID", "Fig. 4: θ", "τ = Kx", "LQR designed"),
