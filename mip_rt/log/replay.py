@@ -162,6 +162,7 @@ def _report(rerun, comparison, asserted: bool, seconds: float, columns: bool) ->
         "last_tick": int(frames["tick"][spans[-1].end - 1]),
         "resumed_at": [int(frames["tick"][span.begin]) for span in spans],
         "fresh_at": rerun.cold_ticks,
+        "state_rows_of_other_layout": rerun.unfit_states,
         "not_replayed": rerun.skipped,
         "estimators": rerun.names,
         "other_sources": rerun.other_sources,
@@ -208,8 +209,10 @@ def render(report: dict) -> str:
         lines.append(f"state taken up at tick {', '.join(map(str, resumed[:8]))}{' ...' if len(resumed) > 8 else ''}")
     if report["fresh_at"]:
         lines.append(f"no state row that fits: fresh start at tick {report['fresh_at'][0]}; the first seconds show how filters settle")
+    if report["state_rows_of_other_layout"]:
+        lines.append("the log's state rows are of a program whose state had other fields: no replay can resume there")
     if report["not_replayed"]:
-        lines.append(f"{report['not_replayed']} ticks lie before the first state row and were not replayed")
+        lines.append(f"{report['not_replayed']} ticks have no state row before them and were not replayed")
     if report["missing_inputs"]:
         lines.append(f"the log lacks {', '.join(report['missing_inputs'])}; zero was taken")
     if report["other_sources"]:

@@ -50,7 +50,7 @@ class Rerun:
         other_machine: {item: (recorded, here)} of what makes this another type of machine; empty on the same.
         other_sources: True where the log was written by other sources.
         missing: fields that this program's step reads and the log does not have; zero is taken.
-        states: {tick: state row} of those that fit; times_s: (rows of the log,) seconds since the loop's first tick.
+        states: {tick: state row} of those that fit; unfit_states: how many do not, since this program's state has other fields; times_s: (rows of the log,) seconds since the loop's first tick.
         spans: list of Span.
         cold_ticks: first ticks of spans that begin with a fresh state although the log does not.
         skipped: rows between the wanted limits that cannot be replayed.
@@ -83,7 +83,7 @@ class Rerun:
         self._check_layout()
         self._fresh = self.robot.persistence.present()
         fits = header.get("state_layout") == self.robot.persistence.layout
-        self.states = log.states if fits else {}
+        self.states, self.unfit_states = (log.states, 0) if fits else ({}, len(log.states))
         self.times_s = seconds(log)
         self.first, self.last = self._rows(limits)
         self.cold_ticks, self.skipped, self.spans = [], 0, []

@@ -127,6 +127,11 @@ def change(name: str, config, largest: int) -> str | None:
     log = logs.open(path_of(name))
     try:
         rerun, comparison = replay(log)
+        unwatched = set(rerun.layout.dtype.names) - set(log.frames.dtype.names)
+        if unwatched:
+            return f"the frame has {', '.join(sorted(unwatched))}"
+        if rerun.skipped:
+            return "the state has other fields"
         if comparison.equal:
             if path_of(name).stat().st_size > largest:
                 return "larger than its share"

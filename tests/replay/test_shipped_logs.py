@@ -23,7 +23,8 @@ def test_shipped_log_replays(path):
     worst = {name: f"{comparison.relative(name):.1e}" for name in comparison.differing()[:5]}
     print(f"{path.stem}: {comparison.rows} ticks {'bit for bit' if comparison.exact else 'to 1e-9'}, largest relative differences {worst}")
     assert comparison.equal, f"{path.stem} differs first at {where or f'the state after tick {comparison.state_ticks[0]}'}; {CURE}"
-    assert rerun.skipped == 0 and comparison.rows == len(rerun.log.frames) > 60
+    assert rerun.skipped == 0 and comparison.rows == len(rerun.log.frames) > 60, f"the state has other fields; {CURE}"
+    assert rerun.layout.dtype.names == rerun.log.frames.dtype.names, f"the frame has other fields; {CURE}"
 
 
 def test_every_shipped_scenario_has_a_log_and_all_are_small():
