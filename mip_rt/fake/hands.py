@@ -62,7 +62,7 @@ class Hands:
             if self._shown[i] is not None and found != self._shown[i] & 0xFFFFFFFF:
                 self._base[i] += found - (self._shown[i] & 0xFFFFFFFF)
         self._shown = [int(count) + base for count, base in zip(counts, self._base)]
-        return call(self._shown)
+        return call(np.array(self._shown))
 
     def _turn(self, wheel: int, turns: float) -> None:
         self._count(wheel, turns)
