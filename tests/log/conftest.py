@@ -14,7 +14,7 @@ duration_s: 11
 events:
   - {at_s: 2.0, press: arm}
   - {at_s: 5.0, speed_m_s: [0.2, 0.0]}
-  - {at_s: 7.0, fault: pushed, rate_rad_s: 2.5}
+  - {at_s: 7.0, fault: pushed, rate_rad_s: 3.5}
   - {at_s: 7.1, set: {battery_v: 4.2}}
 """
 
