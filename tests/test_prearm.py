@@ -258,9 +258,9 @@ def test_soft_start_grows_the_command(tmp_path):
 
 
 def test_the_status_line_says_each_second_why_the_robot_is_not_armed(tmp_path, monkeypatch):
-    written = []
+    written, write = [], os.write
     with disarmed(tmp_path, dry_run__battery_v="6.2") as dry:
-        monkeypatch.setattr(os, "write", lambda fd, data: written.append(data.decode()) if fd == 2 else None)
+        monkeypatch.setattr(os, "write", lambda fd, data: written.append(data.decode()) if fd == 2 else write(fd, data))
         live = Live()
         live._terminal, live._every = False, 200
         for _ in range(900):

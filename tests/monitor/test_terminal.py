@@ -51,10 +51,12 @@ class Terminal:
     def until(self, pattern, limit_s=20.0):
         """Reads until the pattern has appeared in what came since the last call; returns that."""
         self.text = ""
+        poll = select.poll()  # select() refuses descriptors above 1023, which a long test run may reach
+        poll.register(self.near, select.POLLIN)
         end = time.monotonic() + limit_s
         while not re.search(pattern, self.text, re.S):
             assert time.monotonic() < end, f"no {pattern!r} in {self.text[-2000:]!r}"
-            if select.select([self.near], [], [], 0.1)[0]:
+            if poll.poll(100):
                 try:
                     self.text += os.read(self.near, 65536).decode(errors="replace")
                 except OSError:
@@ -64,7 +66,9 @@ class Terminal:
     def end(self):
         """Exit code, what was written last, and whether the terminal is as it was."""
         code = self.process.wait(10)
-        while select.select([self.near], [], [], 0.1)[0]:
+        poll = select.poll()
+        poll.register(self.near, select.POLLIN)
+        while poll.poll(100):
             self.text += os.read(self.near, 65536).decode(errors="replace")
         restored = termios.tcgetattr(self.far) == self.before
         os.close(self.near)
