@@ -14,19 +14,30 @@ ROW = np.dtype([("duty_ns", "<i8", (3,)), ("applied_ns", "<i8", (3,))], align=Tr
 
 
 class Kernel:
-    """The fakes as a kernel without a world."""
+    """The fakes as a kernel without a world; closed after the test by a fixture of `conftest.py`."""
+
+    made = []
 
     def __init__(self, root, abi=2, name="beaglebone-black-cape", **tree):
         self.root = root
         self.sysfs = FakeSysfs(root, BOARDS[name], **tree)
         self.gpio = FakeGpio(root, abi, self.sysfs.held)
         self.ioctl = self.gpio.ioctl
+        self.made.append(self)
 
     def path(self, *parts):
         return self.root.joinpath(*parts)
 
     def sleep(self, seconds):
         self.sysfs.service()
+
+    @classmethod
+    def close_all(cls):
+        """Some dozen descriptors each: without this a whole run of the tests would have thousands open."""
+        while cls.made:
+            kernel = cls.made.pop()
+            kernel.gpio.close()
+            kernel.sysfs.close()
 
 
 class DirectEnable:

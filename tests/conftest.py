@@ -3,7 +3,9 @@
 import importlib.metadata
 import os
 import platform
+import resource
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 # The first call of a compiled function takes seconds, so no deadline. CI must not depend on luck, so it draws the same examples.
@@ -14,9 +16,21 @@ settings.register_profile(
 )
 settings.load_profile("host")
 
+# Drivers in the tests keep their descriptors until the garbage collector comes by; many systems allow 1024.
+resource.setrlimit(resource.RLIMIT_NOFILE, (resource.getrlimit(resource.RLIMIT_NOFILE)[1],) * 2)
+
 
 def pytest_report_header() -> str:
     names = ("numba", "numpy", "smbus2", "PyYAML", "pyserial")
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in names)
     compiled = "not compiled" if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0") else "compiled"
     return f"{platform.machine()}, {versions}, {compiled}"
+
+
+@pytest.fixture(autouse=True)
+def closed_boards():
+    """Closes what `board.Kernel` has opened."""
+    import board
+
+    yield
+    board.Kernel.close_all()

@@ -27,9 +27,11 @@ def converse(arguments, answers):
     process, terminal = pty.fork()
     if process == 0:
         os.execv(sys.executable, [*COMMAND, *arguments])
+    poll = select.poll()
+    poll.register(terminal, select.POLLIN)
     shown, answered, end = "", 0, time.monotonic() + LIMIT_S
     while time.monotonic() < end:
-        if not select.select([terminal], [], [], 1.0)[0]:
+        if not poll.poll(1000):
             continue
         try:
             data = os.read(terminal, 4096)

@@ -131,6 +131,7 @@ class TestConformance:
         module.step(p, state, np.zeros(nu), np.full(ny, 1e3), 0)
         assert np.abs(np.asarray(state.x)).max() == 0.0 and state.status == 0
 
+    @pytest.mark.slow
     def test_six_minutes_keep_the_covariance_sound(self, name):
         module, p, state, nu, ny = made(name)
         rng = np.random.default_rng(4)

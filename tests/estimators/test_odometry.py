@@ -45,6 +45,7 @@ def drive(folder, source):
     return np.hypot(*(np.column_stack([angle[:, 1], -angle[:, 0]]) - truth[engaged] + truth[engaged[0]]).T).max()
 
 
+@pytest.mark.slow
 def test_position_stays_true_while_driving_and_spinning(tmp_path):
     from_encoders, from_filter = drive(tmp_path / "a", "encoders"), drive(tmp_path / "b", "filter")
     print(f"position at most {from_encoders * 1000:.1f} mm wrong; from the filter's ball rate {from_filter * 1000:.1f} mm")
