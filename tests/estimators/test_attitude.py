@@ -190,6 +190,7 @@ class TestConformance:
         assert 2.0 * math.atan2(state.quaternion[3], state.quaternion[0]) == pytest.approx(11 * 2.0 * DT, abs=1e-6)
         assert np.abs(np.asarray(state.filter.x)).max() == 0.0 and state.filter.status == 0
 
+    @pytest.mark.slow
     def test_half_an_hour_keeps_the_covariance_sound(self):
         p, state = made()
         rng = np.random.default_rng(4)

@@ -85,6 +85,7 @@ def test_missing_and_broken_sensors_are_not_used(name):
     assert np.asarray(state.x[: module.STATES]) == pytest.approx(textbook(name)[0] @ before, abs=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_thirty_minutes_at_rest_stay_healthy(name):
     module, p, state = made(name)
