@@ -38,7 +38,11 @@ def executor(cluster: str | None = None, workers: int | None = None):
     if cluster is None:
         count = workers or len(os.sched_getaffinity(0))
         with concurrent.futures.ProcessPoolExecutor(count, multiprocessing.get_context("spawn"), _end_with_parent) as pool:
-            yield pool, count
+            try:
+                yield pool, count
+            finally:
+                # Before Python 3.11.5 a pool hangs at its end when only cancelled jobs are left in it (CPython issue 94777).
+                pool.shutdown(cancel_futures=True)
         return
     try:
         from distributed import Client
