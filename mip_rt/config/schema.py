@@ -43,7 +43,7 @@ DRY_RUN = {
     "imu_misalignment_rad": numbers((0.0, 0.0, 0.0), "Mounting error of the IMU as a rotation vector.", 3, "rad", -0.5, 0.5),
     "vibration_torque_n_m": N(0.004, "Roller vibration: torque amplitude a wheel at 10 rad/s of the ball.", low=0, high=1),
     "vibration_accel_m_s2": N(0.3, "Roller vibration felt by the accelerometer at 10 rad/s.", low=0, high=20),
-    "rollers_per_ball_turn": N(6.26, "Roller hand-overs a radian of the ball: 39.1 rad/s at 0.2 m/s (T Fig. 6.24).", low=0, high=200),
+    "rollers_per_ball_turn": N(6.26, "Roller hand-overs a radian of the ball; the lines of T Fig. 6.24 are at 4.2 to 4.5.", low=0, high=200),
     "dmp_lag_s": N(0.005, "Time constant of the DMP's attitude.", unit="s", low=0, high=0.2),
     "dmp_offset_rad": numbers((0.0, 0.0), "Constant error of the DMP's roll and pitch.", 2, "rad", -0.3, 0.3),
     "dmp_noise_rad": N(0.003, "Wandering error of the DMP's tilt, standard deviation an axis.", unit="rad", low=0, high=0.3),

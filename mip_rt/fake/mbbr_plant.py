@@ -4,10 +4,10 @@ Per sample of 5 ms: five RK4 steps of 1 ms of the exact model (variant N), the w
 equations at the present wheel speeds and battery voltage, Coulomb and viscous friction inside the integrator; then the sensors.
 
 Vibration. The rollers of the double-row omniwheels hand over to each other as the ball rolls; the dissertation (section 6.4.4,
-Fig. 6.24) finds lines in the ball speed's spectrum whose frequency grows with the drive rate, 39.1 rad/s being marked, and a 17 to 25 rad/s
+Fig. 6.24) finds lines in the ball speed's spectrum whose frequency grows with the drive rate, 39.1 rad/s at 0.3 m/s being the highest, and a 17 to 25 rad/s
 response at low speed. Here each wheel drives the ball with a torque of amplitude proportional to its speed (up to a limit) at
-`rollers_per_ball_turn` times the ball's angle about that wheel's axis: at 0.2 m/s the ball turns at 6.25 rad/s, so the marked line
-needs a factor of 6.26.
+`rollers_per_ball_turn` times the ball's angle about that wheel's axis; the published lines are
+at 4.2 to 4.5 times the ball's rate.
 """
 
 import math

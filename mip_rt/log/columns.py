@@ -111,6 +111,11 @@ def pick(header: dict, text: str) -> list[Column]:
     return found
 
 
+def picked(header: dict, text: str | None) -> list[Column]:
+    """The columns of a comma-separated list in one row; all columns where there is no list."""
+    return columns(header) if text is None else [column for group in pick_groups(header, text) for column in group]
+
+
 def pick_groups(header: dict, text: str) -> list[list[Column]]:
     """Columns of a comma-separated list, in groups: names joined by + share one."""
     return [[c for name in group.split("+") for c in pick(header, name)] for group in text.split(",") if group.strip()]

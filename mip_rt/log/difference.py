@@ -35,12 +35,12 @@ def compare(a, b, align: str = "tick", fields: str | None = None, tolerance: flo
         fields: by column name the number of rows that differ, the first and the largest difference.
         configuration: see `configuration.differences`; it does not count for `equal`.
     """
-    from mip_rt.log.columns import columns, pick_groups
+    from mip_rt.log.columns import columns, picked
     from mip_rt.log.configuration import as_dict, differences
 
     rows_a, rows_b = _aligned(a, b, align)
     frames_a, frames_b = a.frames[rows_a], b.frames[rows_b]
-    in_a = columns(a.header) if fields is None else [column for group in pick_groups(a.header, fields) for column in group]
+    in_a = picked(a.header, fields)
     in_b = {column.name: column for column in columns(b.header)}
     names_a = {column.name for column in columns(a.header)}
     found = {}

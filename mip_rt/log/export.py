@@ -50,22 +50,18 @@ def export(header: dict, frames, times_s, output: Path, fields: str | None = Non
         LogError: a field is not in the log.
         OSError: the file cannot be written.
     """
+    from mip_rt.log.columns import picked
+
     if output.suffix == ".csv":
-        write_csv(_columns(header, fields), frames, times_s, output)
+        write_csv(picked(header, fields), frames, times_s, output)
     elif output.suffix == ".npz":
         write_npz(header, frames, times_s, output)
     elif output.suffix == ".parquet":
-        write_parquet(header, _columns(header, fields), frames, times_s, output)
+        write_parquet(header, picked(header, fields), frames, times_s, output)
     else:
         from mip_rt.log.mcap_export import write_mcap
 
         write_mcap(header, frames, output)
-
-
-def _columns(header: dict, fields: str | None):
-    from mip_rt.log.columns import columns, pick_groups
-
-    return columns(header) if fields is None else [column for group in pick_groups(header, fields) for column in group]
 
 
 def write_csv(columns, frames, times_s, output: Path) -> None:

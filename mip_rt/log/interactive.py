@@ -1,12 +1,13 @@
 """A page as one HTML file, by plotly: zoom, hover and switch lines. The script comes from the installed package; no network is needed."""
 
+import html
+
 from mip_rt import optional
 from mip_rt.errors import LogError
 from mip_rt.log.decimation import decimated
 from mip_rt.log.page import GREY, VERMILLION, Page
 
 BINS = 3000  # points a line are twice as many: a minute of spikes remains quick to move
-DASHES = {"solid": "solid", "dash": "dash", "dot": "dot"}
 BAND_PX, PANEL_PX, TOP_PX, GAP_PX = 20, 150, 105, 42
 
 
@@ -18,7 +19,7 @@ def write(page: Page, output) -> None:
         LogError: the file cannot be written.
     """
     text = figure(page).to_html(include_plotlyjs=True, full_html=True, config={"responsive": True, "displaylogo": False, "scrollZoom": True})
-    title = f"<head><title>{_escape(page.heading)}</title>"
+    title = f"<head><title>{html.escape(page.heading, quote=False)}</title>"
     try:
         with open(output, "w", encoding="utf-8") as file:
             file.write(text.replace("<head>", title, 1))
@@ -53,7 +54,7 @@ def figure(page: Page):
         annotation.update(font={"size": 12}, xanchor="left", x=annotation.x - 0.5 * (0.95 / columns if columns > 1 else 1.0))
     for moment_s, code in page.faults:
         sheet.add_vline(x=moment_s, line={"color": VERMILLION, "width": 1.5})
-        sheet.add_annotation(x=moment_s, y=1.0, yref="y domain", yanchor="bottom", text=f"<b>{_escape(code)}</b>", showarrow=False,
+        sheet.add_annotation(x=moment_s, y=1.0, yref="y domain", yanchor="bottom", text=f"<b>{html.escape(code, quote=False)}</b>", showarrow=False,
                              font={"color": VERMILLION, "size": 12}, row=1, col=1)  # fmt: skip
     begin, end = float(page.times_s[0]), float(page.times_s[-1])
     sheet.update_xaxes(range=[begin, end], showticklabels=True, gridcolor="#E8E8E8", zeroline=False, linecolor="#BBBBBB", mirror=True,
@@ -63,7 +64,7 @@ def figure(page: Page):
     sheet.update_layout(
         height=height, plot_bgcolor="white", hovermode="x", dragmode="zoom", font={"size": 11},
         margin={"l": 130, "r": 20, "t": TOP_PX, "b": 40},
-        title={"text": f"<b>{_escape(page.heading)}</b><br><span style='font-size:13px;color:{colour}'>{'<br>'.join(map(_escape, page.verdict))}</span>",
+        title={"text": f"<b>{html.escape(page.heading, quote=False)}</b><br><span style='font-size:13px;color:{colour}'>{'<br>'.join(html.escape(line, quote=False) for line in page.verdict)}</span>",
                "x": 0.01, "y": 1.0 - 18 / height, "yanchor": "top", "font": {"size": 16}},
         legend={"groupclick": "toggleitem", "tracegroupgap": 8, "font": {"size": 10}},
     )  # fmt: skip
@@ -95,12 +96,12 @@ def _add_panel(graph, sheet, panel, page: Page, row: int, column: int) -> None:
         times_s, values = decimated(page.times_s, line.values, BINS)
         sheet.add_trace(
             graph.Scatter(x=times_s, y=values, name=line.label, mode="lines", legendgroup=panel.title, legendgrouptitle={"text": panel.title},
-                          line={"color": line.colour, "width": line.width, "dash": DASHES[line.style]},
+                          line={"color": line.colour, "width": line.width, "dash": line.style},
                           hovertemplate=f"%{{y:.4g}} {panel.unit}"),
             row=row, col=column,
         )  # fmt: skip
-    low = min((float(v) for line in panel.lines for v in [_least(line.values)]), default=0.0)
-    high = max((float(v) for line in panel.lines for v in [-_least(-line.values)]), default=0.0)
+    low = min((_least(line.values) for line in panel.lines), default=0.0)
+    high = max((-_least(-line.values) for line in panel.lines), default=0.0)
     for bound in panel.bounds:
         if low <= bound <= high:
             sheet.add_hline(y=bound, line={"color": GREY, "width": 1, "dash": "dot"}, row=row, col=column)
@@ -111,7 +112,3 @@ def _least(values) -> float:
 
     finite = values[np.isfinite(values)]
     return finite.min() if len(finite) else 0.0
-
-
-def _escape(text: str) -> str:
-    return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")

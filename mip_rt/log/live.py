@@ -17,6 +17,7 @@ from mip_rt.log.ring_format import MAGIC, PREFIX, START, VERSION, Counter
 
 PATTERN = "*.ring"
 LOOK_AROUND_S = 0.5  # between looks into the folder for a newer ring
+SILENT_S = 1.0  # without a row for so long, the loop has stopped
 
 
 def newest_ring(folders) -> Path | None:
@@ -80,6 +81,11 @@ class LiveRing:
         """The loop ended in an orderly way: no further row will come into this ring."""
         return self._number(Counter.FINISHED) == 1
 
+    @property
+    def silent(self) -> bool:
+        """No row comes any more: the loop ended, hangs or was killed."""
+        return self.finished or self.quiet_s > SILENT_S
+
     def refresh(self) -> bool:
         """Looks whether rows arrived or the loop was restarted; True for a restart. The other methods call this."""
         restarted = self._reopen_if_new()
@@ -88,12 +94,6 @@ class LiveRing:
             self._moved_s = time.monotonic()
         self.counter = counter
         return restarted
-
-    def newest(self):
-        """The newest complete row, a copy (structured scalar); None while there is none."""
-        self.refresh()
-        rows = self._copy(self.counter - 1)
-        return rows[-1] if len(rows) else None
 
     def since(self, tick: int) -> np.ndarray:
         """Complete rows of ticks >= `tick` that the ring still holds, in order, copies: (n,) records.

@@ -1,7 +1,7 @@
 """`mip-rt log spectrum`: Welch spectrum of any field while the robot balances, with its strongest lines and the line of the rollers.
 
 The rollers of the omniwheels hand over to each other as the ball rolls, and shake the robot at a frequency in proportion to the ball's speed
-(dissertation, section 6.4.4 and Fig. 6.24: 39.1 rad/s at 0.2 m/s). The configuration's `dry_run.rollers_per_ball_turn` is that factor:
+(dissertation, section 6.4.4 and Fig. 6.24: 27.9 rad/s at 0.2 m/s, 39.1 at 0.3). The configuration's `dry_run.rollers_per_ball_turn` is that factor:
 hand-overs a radian of the ball.
 """
 
@@ -18,7 +18,7 @@ SEGMENTS = 5  # at least so many, half overlapping, in a short part: the mean of
 LINES = 8  # strongest ones that are told
 CHANCE = 0.01  # that noise alone shows a line somewhere in a spectrum
 FLOOR_BINS = 5  # the noise floor about a bin is of at least so many on either side
-ROLLERS_PER_RAD = 6.26  # where the log's configuration has none: (T Fig. 6.24), 39.1 rad/s at 6.25 rad/s of the ball
+ROLLERS_PER_RAD = 6.26  # where the log's configuration has none: that of the simulated rollers; (T Fig. 6.24) has 4.2 to 4.5
 SLOWEST_M_S = 0.02  # below, the line lies in the motions of balancing
 SPEED = "ball_speed_m_s"  # computed here: a magnitude, so that a spinning robot's own frame does not move its lines
 DEFAULT = f"{SPEED},acceleration_m_s2"

@@ -8,7 +8,6 @@ import time
 from mip_rt.errors import LogError
 from mip_rt.log.folders import usual_folders
 
-SILENT_S = 1.0  # without a row for so long, the loop has stopped
 EVERY_ROW_S = 0.05  # between looks at the ring where every row is wanted
 
 
@@ -58,7 +57,7 @@ def _tail(live, arguments) -> None:
                 lines += 1
                 if lines == arguments.lines:
                     return
-        elif live.finished or live.quiet_s > SILENT_S:
+        elif live.silent:
             if not told_silent:
                 print(_why_silent(live), file=sys.stderr)
                 told_silent = True
@@ -81,14 +80,14 @@ class _Printer:
 
     def __init__(self, live, fields: str | None, as_json: bool):
         from mip_rt.log.codes import Codes
-        from mip_rt.log.columns import pick_groups
+        from mip_rt.log.columns import picked
         from mip_rt.log.configuration import value
 
         self.codes, self.as_json = Codes(live.header), as_json
-        self.columns = [c for group in pick_groups(live.header, fields) for c in group] if fields else None
-        rate_hz = float(value(live.header.get("config", ""), "realtime.rate_hz", 200.0))
+        self.columns = picked(live.header, fields) if fields else None
+        self.rate_hz = float(value(live.header.get("config", ""), "realtime.rate_hz", 200.0))
         rows = live.since(0)
-        self.origin_ns = int(rows["edge_ns"][0]) - round(int(rows["tick"][0]) * 1e9 / rate_hz) if len(rows) else None
+        self.origin_ns = int(rows["edge_ns"][0]) - round(int(rows["tick"][0]) * 1e9 / self.rate_hz) if len(rows) else None
 
     @property
     def head(self) -> str:
@@ -99,7 +98,7 @@ class _Printer:
         """The newest of some rows as text or JSON; what is slowest, missed or limited is that of all of them."""
         newest = rows[-1:]
         if self.origin_ns is None:
-            self.origin_ns = int(newest["edge_ns"][0])
+            self.origin_ns = int(rows["edge_ns"][0]) - round(int(rows["tick"][0]) * 1e9 / self.rate_hz)
         time_s = round((int(newest["edge_ns"][0]) - self.origin_ns) * 1e-9, 6)
         if self.columns is None:
             usual = _usual(rows, time_s, self.codes)

@@ -5,11 +5,8 @@ from pathlib import Path
 
 from mip_rt.errors import LogError
 from mip_rt.log.folders import usual_folders
-from mip_rt.log.folders import usual_folders
 from mip_rt.log.live import LiveRing, newest_ring
 from mip_rt.monitor.view import View
-
-SILENT_S = 1.0  # without a row for so long, something is wrong with the loop
 
 
 class Source:
@@ -73,7 +70,7 @@ class Source:
     def silence(self) -> str:
         """What to say of a loop from which no rows come any more; "" while it runs."""
         live = self._live
-        if live is None or not (live.finished or live.quiet_s > SILENT_S):
+        if live is None or not live.silent:
             return ""
         since = f"{live.quiet_s:.0f} s" if math.isfinite(live.quiet_s) else "a long time"
         return f"the loop ended {since} ago" if live.finished else f"no rows for {since}: the loop hangs or was killed"

@@ -27,7 +27,7 @@ def sparkline(values, columns: int, top: float) -> str:
     if not len(values):
         return ""
     edges = [round(i * len(values) / columns) for i in range(columns + 1)]
-    peaks = [max(values[a:b]) if b > a else None for a, b in zip(edges, edges[1:])]
+    peaks = [max((v for v in values[a:b] if math.isfinite(v)), default=None) for a, b in zip(edges, edges[1:])]
     return "".join(" " if p is None else BARS[max(1, min(8, math.ceil(8.0 * p / top)))] for p in peaks)
 
 
@@ -106,7 +106,7 @@ def _head(source, shown):
 def _motion(source, shown, columns):
     roll, pitch, yaw = shown["attitude_rad"]
     history_deg = [math.degrees(value) for value in source.view.tilt_history_rad()]
-    top = next((scale for scale in FULL_SCALES_DEG if max(history_deg) <= scale), 90.0)
+    top = next((scale for scale in FULL_SCALES_DEG if not any(v > scale for v in history_deg)), 90.0)
     yield PLAIN, (
         f"tilt     {math.degrees(shown['tilt_rad'] or 0.0):5.1f} deg   roll {_degrees(roll)}  pitch {_degrees(pitch)}   "
         f"most in {HISTORY_S:.0f} s {math.degrees(shown['tilt_max_rad'] or 0.0):.1f}"

@@ -70,6 +70,7 @@ def test_truncation_anywhere_loses_only_what_was_cut(tmp_path):
         assert set(log.frames["tick"]) <= set(range(16))
         assert (log.frames["battery_v"] == log.frames["tick"] * 0.5).all()
         assert log.damage or length == len(data)
+    assert list(log.frames["tick"]) == list(range(16))  # the last length is the whole file
 
 
 def state(tick):

@@ -1,4 +1,4 @@
-"""`mip-rt log spectrum`: lines at their frequency and amplitude, none in noise, the rollers' where the dissertation has it."""
+"""`mip-rt log spectrum`: lines at their frequency and amplitude, none in noise, the rollers' at the configured factor."""
 
 import json
 import math
@@ -61,7 +61,7 @@ def test_a_slope_is_no_line(driving):
 
 
 def test_the_rollers_line_of_the_dissertation(driving):
-    """Fig. 6.24: 39.1 rad/s at 0.2 m/s, and in proportion to the speed."""
+    """At the configured factor, 39.1 rad/s at 0.2 m/s, and in proportion to the speed."""
     for speed in (0.1, 0.2, 0.4):
         log = driving(lambda t, s=speed: 0.2 * np.sin(39.1 * s / 0.2 * t) + noise(2)(t), speed_m_s=speed)
         found = spectra(log, log.frames, "gyro_rad_s[0]")
