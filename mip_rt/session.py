@@ -15,6 +15,7 @@ import numpy as np
 from mip_rt import frame, realtime, robots, self_test
 from mip_rt.calibration import GyroCalibration
 from mip_rt.errors import MipRtError
+from mip_rt.faults import FAULT_BY_NUMBER
 from mip_rt.hardware.compiled_io import compile_for
 from mip_rt.hardware.devices import open_devices
 from mip_rt.hardware.imu_status import IMU_OK
@@ -24,7 +25,7 @@ from mip_rt.log.ring import Ring, header, remove_old_rings
 from mip_rt.loop import Loop
 from mip_rt.prearm import PreArm
 from mip_rt.summary import Summary
-from mip_rt.supervisor import FAULT_BY_NUMBER, State, Supervisor
+from mip_rt.supervisor import State, Supervisor
 from mip_rt.unit_file import UnitFile, apply_unit_file
 
 ABSORB_EVERY = 64  # ticks between looks of the summary: some 0.1 ms of work

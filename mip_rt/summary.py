@@ -9,7 +9,8 @@ import math
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.supervisor import FAULT_BY_NUMBER, State
+from mip_rt.faults import FAULT_BY_NUMBER
+from mip_rt.supervisor import State
 
 STAGES = ("wake", "read", "step", "write", "edge_to_write")
 PERCENTILES = (("p50", 50.0), ("p99", 99.0), ("p999", 99.9), ("max", 100.0))

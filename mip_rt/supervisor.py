@@ -10,7 +10,7 @@ from enum import IntEnum
 from typing import NamedTuple
 
 from mip_rt import frame, prearm
-from mip_rt.faults import FAULT_BY_NUMBER, FAULTS, Fault  # noqa: F401  (others take them from here)
+from mip_rt.faults import FAULTS, Fault
 from mip_rt.guard import LOST, OK
 from mip_rt.hardware import imu_status as imu
 

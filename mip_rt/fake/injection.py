@@ -102,13 +102,3 @@ class Injector:
         begin_ns = kernel.monotonic_ns()
         kernel.stall(seconds)
         self.stalls.append((begin_ns, kernel.monotonic_ns()))
-
-
-def all_of(*undos):
-    """One function that calls several."""
-
-    def undo():
-        for each in undos:
-            each()
-
-    return undo

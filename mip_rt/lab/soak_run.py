@@ -14,11 +14,12 @@ from mip_rt.errors import MipRtError
 from mip_rt.fake import bench as fake_bench
 from mip_rt.fake.faults import FAULTS
 from mip_rt.fake.kernel import SAMPLE_NS
+from mip_rt.faults import FAULT_BY_NUMBER
 from mip_rt.frame import LIMITS
 from mip_rt.lab.observation import Observation
 from mip_rt.lab.promises import FALLEN_RAD, SAMPLE_S, Broken, broken
 from mip_rt.log import open as open_log
-from mip_rt.supervisor import FAULT_BY_NUMBER, State
+from mip_rt.supervisor import State
 
 AFTER = 200  # samples after a fault's end within which a reaction is put down to it
 HARMLESS = ("serial", "clock", "disk", "file")  # whatever happens there, the robot balances on

@@ -3,9 +3,10 @@
 import numpy as np
 
 from mip_rt import frame
+from mip_rt.faults import FAULT_BY_NUMBER, FAULTS
 from mip_rt.hardware import imu_status
 from mip_rt.prearm import CHECKS
-from mip_rt.supervisor import FAULT_BY_NUMBER, FAULTS, State
+from mip_rt.supervisor import State
 
 # Bits by name in this program. Of the IMU's status the good packet is no event.
 BITS = {

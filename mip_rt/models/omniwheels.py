@@ -36,8 +36,3 @@ def wheel_axes(alpha_rad: float, beta_rad: float, yaw_rad: float = 0.0) -> np.nd
 def normal_force(mass_kg: float, gravity_m_s2: float, alpha_rad: float) -> float:
     """Force of each wheel on the ball while the robot stands upright, N, (2.2)."""
     return mass_kg * gravity_m_s2 / (3.0 * math.cos(alpha_rad))
-
-
-def roller_half_angle(width_m: float, ball_radius_m: float) -> float:
-    """gamma of (2.1): half the angle, seen from the ball's centre, between the two rows of a double-row wheel."""
-    return math.asin(width_m / (2.0 * ball_radius_m))

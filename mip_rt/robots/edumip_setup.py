@@ -9,7 +9,7 @@ from mip_rt.errors import ConfigError
 from mip_rt.estimators import complementary, complementary_kf, mip_ekf, mip_planar_kf
 from mip_rt.models import mip, mip_yaw
 from mip_rt.robots import edumip as robot
-from mip_rt.robots import edumip_frame, edumip_sensors, health, onboard, sensors
+from mip_rt.robots import edumip_frame, health, onboard, sensors
 from mip_rt.robots.edumip_judge import Judge  # noqa: F401  (part of what a setup module offers)
 from mip_rt.robots.robot import BATTERY_HOLD_S, BATTERY_SMOOTHING_RAD_S, Robot, noise
 

@@ -9,7 +9,8 @@ from helpers import DryRun, make_config
 
 from mip_rt import frame
 from mip_rt.config.scenario import Event, Scenario
-from mip_rt.supervisor import FAULTS, State
+from mip_rt.faults import FAULTS
+from mip_rt.supervisor import State
 
 
 def script(*events):

@@ -7,11 +7,12 @@ import pytest
 
 from mip_rt import cli
 from mip_rt.errors import ConfigError
+from mip_rt.faults import FAULTS
 from mip_rt.frame import ALARMS, LIMITS
 from mip_rt.log import open as open_log
 from mip_rt.log.info import EDGES_US, render, report
 from mip_rt.prearm import CHECKS
-from mip_rt.supervisor import FAULTS, State
+from mip_rt.supervisor import State
 
 
 def info(path, config=None):

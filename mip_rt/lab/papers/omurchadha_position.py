@@ -7,7 +7,6 @@ from mip_rt.estimators import mip_2state_ekf
 from mip_rt.lab.papers.experiment import Claim, Experiment, Figure, Result, Row
 from mip_rt.lab.papers.omurchadha import DT_S, SETTINGS, P, make_filter, pid_gains, sense, simulate
 from mip_rt.lab.papers.runs import rms
-from mip_rt.models import planar
 
 # Lean reference from the x-errors: lean = X_GAIN (x_des - x) + V_GAIN (x_des' - x').
 X_GAIN, V_GAIN, LEAN_LIMIT_RAD = 0.40, 0.23, 0.3
@@ -134,16 +133,6 @@ def sine(seed: int, quick: bool, progress) -> Result:
     return _result(
         8, "sinusoidal", lambda t: (np.sin(omega * t), omega * np.cos(omega * t)), seed, 12.0 if quick else 20.0, judge
     )
-
-
-def lean_pole() -> complex:
-    """Slowest pole of the closed cascade on the linear model without noise; negative real part where it is stable."""
-    A, B = planar.linear_matrices(P)
-    kp, kd, _ = pid_gains()
-    r = P.wheel_radius_m
-    K = np.array([kp * X_GAIN * r, kp * (1.0 + X_GAIN * r), kp * V_GAIN * r, kp * V_GAIN * r + kd])
-    poles = np.linalg.eigvals(A + B @ K[None])
-    return poles[np.argmax(poles.real)]
 
 
 EXPERIMENTS = [
