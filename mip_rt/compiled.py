@@ -6,6 +6,7 @@ compiled code, of numba's version and of the CPU; any edit leads to a new, empty
 which importing this module ensures: nothing else in mip-rt imports numba.
 """
 
+import ctypes
 import hashlib
 import importlib.metadata
 import os
@@ -17,7 +18,7 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parent
 # Every file in these may be compiled, or holds constants and record types that compiled code freezes.
-SOURCES = ("compiled.py", "frame.py", "hardware/compiled_io.py", "models", "estimators", "controllers", "robots", "fake")
+SOURCES = ("compiled.py", "frame.py", "guard.py", "guard_client.py", "inputs.py", "hardware", "remote", "models", "estimators", "controllers", "robots", "fake")
 
 
 def source_files() -> list[Path]:
@@ -113,7 +114,7 @@ def prepare() -> Path | None:
 CACHE_FOLDER = prepare()
 
 import numba  # noqa: E402, F401  (only after the cache folder is set; others take it from here)
-from numba.extending import register_jitable  # noqa: E402, F401
+from numba.extending import intrinsic, register_jitable  # noqa: E402, F401
 
 # numba looks for BLAS in scipy, where that is installed, which takes 0.2 s; nothing compiled here multiplies matrices with it.
 sys.modules.setdefault("scipy.linalg.cython_blas", None)
@@ -144,6 +145,30 @@ def record_array(dtype):
 def plain(records, dtype):
     """The memory of a record array as an array of exactly `dtype`, whose type numba recognises at once; plain Python needs the records."""
     return records if JIT_DISABLED else numpy.ndarray(records.shape, dtype, records)
+
+
+if JIT_DISABLED:
+
+    def records_at(address, count, dtype):
+        """See below."""
+        return numpy.frombuffer((ctypes.c_char * (count * numpy.dtype(dtype).itemsize)).from_address(address), dtype).view(numpy.recarray)
+
+else:
+
+    @intrinsic
+    def _pointer(typing_context, address):
+        def generate(context, builder, signature, arguments):
+            return builder.inttoptr(arguments[0], context.get_value_type(numba.types.voidptr))
+
+        return numba.types.voidptr(numba.types.uintp), generate
+
+    @njit()
+    def records_at(address, count, dtype):
+        """The `count` records of `dtype` at this address, whose owner must outlive their use.
+
+        An address is an integer, which costs less to hand over than an array.
+        """
+        return numba.carray(_pointer(address), count, dtype)
 
 
 def direct(function, *types):

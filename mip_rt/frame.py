@@ -76,7 +76,7 @@ class Field(NamedTuple):
 
 
 def inputs(wheels: int) -> tuple[Field, ...]:
-    """What is there before the compiled step, for a robot of so many wheels: the loop writes it in one stroke, but for the counts."""
+    """What is there before the compiled step, for a robot of so many wheels: `inputs.gather` writes it."""
     return (
         Field("tick", "<i8", (), "1", "number of the tick since the start of the loop"),
         Field("edge_ns", "<i8", (), "ns", "kernel timestamp of the IMU's interrupt, CLOCK_MONOTONIC"),
@@ -156,8 +156,7 @@ class Layout:
             of `estimates` and `estimator_flags` the slots in use.
         dtype: their aligned record type.
         offset: byte offset by name.
-        inputs: struct.Struct of the loop's inputs but the counts, to be packed at offset["tick"]; the encoders write their counts themselves.
-        pulses: likewise of applied_ns.
+        pulses: struct.Struct of applied_ns.
         found: of limits and alarms.
         results: of fault, step_ns, write_ns, at offset["fault"].
     """
@@ -172,5 +171,4 @@ class Layout:
         self.step_outputs = tuple(f.name for f in written if f.name != "imu_packet")
         self.dtype = np.dtype([(f.name, f.dtype, f.shape) if f.shape else (f.name, f.dtype) for f in self.fields], align=True)
         self.offset = {name: self.dtype.fields[name][1] for name in self.dtype.names}
-        self.inputs = struct.Struct("<" + "".join(f"{math.prod(f.shape)}{'q' if 'i8' in f.dtype else 'd'}" for f in self.input_fields[:-1]))
         self.pulses, self.found, self.results = struct.Struct(f"<{wheels}q"), struct.Struct("<2q"), struct.Struct("<3q")

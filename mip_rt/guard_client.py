@@ -3,19 +3,44 @@
 `GuardClient` is the enable line as the motors know it; `GuardProcess` starts the guard beside it.
 """
 
+import ctypes
 import mmap
 import os
 import select
 import subprocess
 import sys
+from array import array
 from pathlib import Path
 
 import mip_rt
 from mip_rt.errors import GpioError, MipRtError
 from mip_rt.guard import BEAT, DROPPED, GUARD_BEAT, HALF, LINE_DROPPED, LOST, MASK, OK, REQUEST, WORDS_BYTES
 
+# What the loop's side remembers, four 64-bit numbers: address of the shared words, largest age of the guard's own beat in the words' units,
+# newest request, status.
+WORDS_AT, TIMEOUT, NEWEST, STATUS = range(4)
+
 PRIORITY_ABOVE_LOOP = 5  # 45 with the shipped 40: above the loop, still below the interrupt threads at 50
 START_LIMIT_S = 15.0
+
+
+def beat(words, memory, now_ns):
+    """The loop has come so far at this time; returns the status. Also compiled, as part of `inputs.gather`.
+
+    Args:
+        words: four unsigned 32-bit words, shared with the guard.
+        memory: four 64-bit numbers, see WORDS_AT.
+    """
+    now = now_ns >> 10 & MASK
+    words[BEAT] = now
+    if memory[STATUS] != LOST:
+        if memory[TIMEOUT] < (now - int(words[GUARD_BEAT]) & MASK) < HALF:
+            memory[STATUS] = LOST
+        elif words[DROPPED] == memory[NEWEST]:
+            memory[STATUS] = LINE_DROPPED
+        else:
+            memory[STATUS] = OK
+    return memory[STATUS]
 
 
 class GuardClient:
@@ -26,20 +51,25 @@ class GuardClient:
         timeout_s: a guard whose own beat is older is lost.
 
     Attributes:
-        status: guard.OK, LINE_DROPPED or LOST, as of the last beat; LOST is for ever.
+        memory: see WORDS_AT.
         warnings: what the guard's process asked for and did not get, with cures.
     """
 
     def __init__(self, words, timeout_s: float):
         self._words = words
+        self.memory = array("q", (ctypes.addressof(ctypes.c_char.from_buffer(words)), 0, 2, OK))  # request 0 stands for "nothing dropped yet"
         self.patience_s(timeout_s)
-        self._request = 2  # never 0, which stands for "nothing dropped yet"
-        self.status = OK
+        self._given_up = False
         self.warnings = []
 
     def patience_s(self, seconds: float) -> None:
         """How old the guard's own beat may be; any age from 37 minutes on."""
-        self._timeout = min(round(seconds * 1e9) >> 10, HALF)
+        self.memory[TIMEOUT] = min(round(seconds * 1e9) >> 10, HALF)
+
+    @property
+    def status(self) -> int:
+        """guard.OK, LINE_DROPPED or LOST, as of the last beat; LOST is for ever."""
+        return self.memory[STATUS]
 
     def set(self, on: bool) -> None:
         """Asks for the line to be high or low. Never waits.
@@ -47,9 +77,9 @@ class GuardClient:
         Raises:
             OSError: it is wanted and the guard is gone.
         """
-        if on != bool(self._request & 1):
-            self._request += 1  # odd: wanted; a new number takes back what the guard has dropped
-            self._words[REQUEST] = self._request
+        if on != bool(self.memory[NEWEST] & 1):
+            self.memory[NEWEST] += 1  # odd: wanted; a new number takes back what the guard has dropped
+            self._words[REQUEST] = self.memory[NEWEST]
         if self.status == LOST and on:
             raise BrokenPipeError("the guard is gone")
         try:
@@ -60,21 +90,22 @@ class GuardClient:
 
     def beat(self, now_ns: int) -> int:
         """The loop has come so far at this time; returns `status`."""
-        words = self._words
-        now = now_ns >> 10 & MASK  # guard.stamp and guard.age without their calls: this is in every tick
-        words[BEAT] = now
-        if self._timeout < (now - words[GUARD_BEAT] & MASK) < HALF and self.status != LOST:
-            self.status = LOST
+        status = beat(self._words, self.memory, now_ns)
+        if status == LOST:
+            self.give_up()
+        return status
+
+    def give_up(self) -> None:
+        """The guard is lost: ends what may be left of it, once, so that the kernel takes the line from it."""
+        if not self._given_up:
+            self._given_up = True
             self._kill()
-        elif self.status != LOST:
-            self.status = LINE_DROPPED if words[DROPPED] == self._request else OK
-        return self.status
 
     def _wake(self) -> None:
         """Lets the guard look at once."""
 
     def _kill(self) -> None:
-        """Ends a guard that no longer beats, so that the kernel takes the line from it."""
+        """Ends the guard, where it still lives."""
 
     def wait_ready(self) -> None:
         """Returns when the guard holds the line, low."""

@@ -4,15 +4,19 @@ The IMU's interrupt starts each tick; its kernel timestamp is the sample's time.
 drivers' bytes and numbers go in, the compiled step fills the rest, the supervisor lets the result through or not.
 """
 
+import select
 import struct
 from functools import partial
 
 from mip_rt import frame
-from mip_rt.hardware.compiled_io import reader_for
+from mip_rt.compiled import direct
+from mip_rt.hardware.compiled_io import read_counters
 from mip_rt.hardware.imu_status import IMU_NO_DATA
+from mip_rt.inputs import GUARD, REMOTE_LOST, gatherer
 from mip_rt.log.ring import STATE_EVERY
 from mip_rt.supervisor import State
 
+ARMING = State.ARMING
 REMOTE_EVERY = 4  # ticks between looks at the serial port: 20 ms
 BATTERY_EVERY = 40  # ticks between battery readings: 0.2 s
 
@@ -41,18 +45,22 @@ class Loop:
         self.silence_s, self.engage_tilt_rad = silence_s, engage_tilt_rad
         self.ticks = self.timeouts = 0
         layout = robot.layout
-        self._inputs, self._found, self._results, self._at = layout.inputs, layout.found, layout.results, layout.offset
+        self._found, self._results, self._at = layout.found, layout.results, layout.offset
         self._pulses, self._no_pulses = layout.pulses, (0,) * layout.wheels
-        self._read_counters = partial(reader_for(layout.dtype), devices.counters, robot.rows)
+        self._read_counters, self._gather = partial(direct(read_counters), devices.counters), gatherer(devices, robot)
         self._persistent = robot.persistence.parts
+        self._arrivals = select.poll()  # one look at both is cheaper than a read of each that finds nothing
+        for fd in (devices.button.fd, *([devices.port.fd] if devices.port else [])):
+            self._arrivals.register(fd, select.POLLIN)
 
     def tick(self) -> bool:
         """Runs one tick; False where no interrupt came in time (the motors are then off)."""
         devices, ring, kernel, supervisor = self.devices, self.ring, self.kernel, self.supervisor
         at = self._at
-        edge = devices.imu_line.read() if kernel.wait_readable(devices.imu_line.fd, self.silence_s) else None
+        line = devices.imu_line
+        edges = line.take() if kernel.wait_readable(line.fd, self.silence_s) else 0
         wake_ns = kernel.monotonic_ns()
-        if edge is None:
+        if not edges:
             supervisor.imu_silent(self.ticks)
             devices.imu.on_timeout()
             self.timeouts += 1
@@ -64,28 +72,23 @@ class Loop:
         base = index * ring.row_bytes
         buffer = ring.buffer
         ring.begin(index)
-        status = devices.imu.read(buffer, base + at["imu_packet"])
-        self._read_counters(index)
-        remote = devices.remote
-        remote.update(wake_ns)
+        self._read_counters()
+        status = devices.imu.read()
         read_ns = kernel.monotonic_ns()
-        supervisor.alive(read_ns)
-        self._inputs.pack_into(
-            buffer, base + at["tick"],
-            tick, edge[0], wake_ns, read_ns, edge[2] - 1, supervisor.state, supervisor.request, supervisor.refusals, status,
-            devices.imu.backlog, devices.battery_v, remote.velocity_x_m_s, remote.velocity_y_m_s,
-            remote.yaw_rate_rad_s, remote.age_s, *self.robot.gyro_bias_rad_s, supervisor.drive_scale,
+        found = self._gather(
+            index, tick, wake_ns, read_ns, supervisor.state, supervisor.request, supervisor.refusals, status, devices.imu.backlog,
+            devices.battery_v, supervisor.drive_scale,
         )  # fmt: skip
 
         self.robot.step(index)
         step_ns = kernel.monotonic_ns()
 
         limits, alarms = self._found.unpack_from(buffer, base + at["limits"])
-        upright = supervisor.state is State.ARMING and not status & IMU_NO_DATA and self._is_upright(base)
-        if not remote.alive:
+        upright = supervisor.state is ARMING and not status & IMU_NO_DATA and self._is_upright(base)
+        if found & REMOTE_LOST:
             limits |= frame.LIMIT_REMOTE_LOST
             _LIMITS.pack_into(buffer, base + at["limits"], limits)
-        if not supervisor.apply(tick, status, limits, alarms, upright, index):
+        if not supervisor.apply(tick, status, limits, alarms, upright, index, found & GUARD):
             self._pulses.pack_into(buffer, base + at["applied_ns"], *self._no_pulses)
         write_ns = kernel.monotonic_ns()
 
@@ -104,7 +107,7 @@ class Loop:
     def _slack(self, now_ns: int) -> None:
         """Work that may wait until the motors are written: remote bytes, button, battery."""
         devices = self.devices
-        if self.ticks % REMOTE_EVERY == 0:
+        if self.ticks % REMOTE_EVERY == 0 and self._arrivals.poll(0):
             devices.remote.receive(now_ns)
             if devices.remote.heading_reset():
                 self.supervisor.request_heading_reset()

@@ -11,13 +11,13 @@ from mip_rt.supervisor import CONDITION_SENTENCES, TRANSITIONS, Condition, State
 
 
 class _Motors:
-    """Remembers whether they are on; `guard` is what the guard answers to a beat."""
+    """Remembers whether they are on."""
 
     def __init__(self):
-        self.on, self.guard = False, OK
+        self.on = False
 
-    def beat(self, now_ns: int) -> int:
-        return self.guard
+    def give_up(self) -> None:
+        pass
 
     def enable(self) -> bool:
         self.on = True
@@ -90,9 +90,7 @@ def check_reactions(limits, dt_s: float, transitions=TRANSITIONS):
         for tick in range(Supervisor.ticks(row.hold, limits, dt_s)):
             if row.conditions & Condition.MOTOR_ERROR:
                 supervisor._motor_error = True
-            supervisor._motors.guard = guard
-            supervisor.alive(0)
-            supervisor.apply(tick, status, limit, alarm, True, 0)
+            supervisor.apply(tick, status, limit, alarm, True, 0, guard)
         if supervisor._motors.on or supervisor.state is not State.FAULT:
             yield f"{row.fault} does not switch the motors off: {CONDITION_SENTENCES.get(row.conditions, hex(row.conditions))}"
     supervisor = _balancing(limits, dt_s)

@@ -12,11 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from mip_rt import frame, realtime, robots, self_test
+from mip_rt import frame, inputs, realtime, robots, self_test
 from mip_rt.calibration import GyroCalibration
 from mip_rt.errors import MipRtError
 from mip_rt.faults import FAULT_BY_NUMBER
-from mip_rt.hardware.compiled_io import compile_for
 from mip_rt.hardware.devices import open_devices
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
@@ -79,7 +78,7 @@ class Session:
             "estimators": self.robot.names,
             "state_layout": persistence.layout,
             "codes": codes(),
-            "calibration": {"gyro_bias_rad_s": self.robot.gyro_bias_rad_s} | (self.unit.applied() if isinstance(self.unit, UnitFile) else {}),
+            "calibration": {"gyro_bias_rad_s": self.robot.gyro_bias_rad_s.tolist()} | (self.unit.applied() if isinstance(self.unit, UnitFile) else {}),
         }
         if bench:
             extra |= {"seed": seed, "scenario": scenario_name}
@@ -97,7 +96,7 @@ class Session:
         self.recorder = recorder_process.RecorderProcess(self.ring, recording)
         self.robot.attach(self.ring.rows)
         self.robot.rehearse()
-        compile_for(layout.dtype)
+        inputs.compile_for(layout.dtype)
         if bench:
             bench.kernel.power_on()
         image = (bench.image_path, bench.image_sha256) if bench else None
@@ -228,7 +227,7 @@ class Session:
     def _calibrate(self, row, now_s: float) -> None:
         measured = row["gyro_rad_s"] + row["gyro_bias_rad_s"]
         if self.calibration.take(now_s, measured, row["acceleration_m_s2"], row["attitude_rad"]):
-            self.robot.gyro_bias_rad_s = tuple(map(float, self.calibration.bias_rad_s))
+            self.robot.gyro_bias_rad_s[:] = self.calibration.bias_rad_s
             self.supervisor.calibrated = True
 
     def _recover_imu(self) -> None:

@@ -9,10 +9,12 @@ button, and that leads to DISARMED. `mip-rt safety` prints these tables; `self_t
 from enum import IntEnum
 from typing import NamedTuple
 
-from mip_rt import frame, prearm
+from mip_rt import frame
 from mip_rt.faults import FAULTS, Fault
 from mip_rt.guard import LOST, OK
 from mip_rt.hardware import imu_status as imu
+from mip_rt.hardware.imu_status import IMU_OK
+from mip_rt.prearm import BLOCKING
 
 
 class State(IntEnum):
@@ -26,6 +28,8 @@ class State(IntEnum):
     FAULT = 5
 
 
+_BALANCING = State.BALANCING  # looked up in every tick, and an enumeration's members are found slowly
+
 STATE_SENTENCES = {
     State.BOOT: "motors off, waiting for the first good packets of the IMU",
     State.CALIBRATING: "motors off, measuring the gyro's bias while still, waiting for the attitude to agree with gravity",
@@ -34,6 +38,8 @@ STATE_SENTENCES = {
     State.BALANCING: "motors on",
     State.FAULT: "motors off, waiting for the button to acknowledge",
 }
+
+_REQUESTS_KEPT = ~frame.REQUEST_HEADING_RESET  # this one is for one tick
 
 # Conditions are the bits of one number: the supervisor's own, then the frame's imu_status, limits and alarms as they are.
 _STATUS, _LIMITS, _ALARMS = 8, 20, 44
@@ -180,7 +186,6 @@ class Supervisor:
         self.calibrated = False
         self._button = False
         self._motor_error = False
-        self._guard = OK
         self._counting = False
         self._counts = [0] * max(len(rows) for rows in self._table.values())
         self._motors.off()
@@ -209,11 +214,7 @@ class Supervisor:
         if self.state not in (State.BOOT, State.FAULT):
             self._enter(State.FAULT, FAULTS["imu_silent"], tick)
 
-    def alive(self, now_ns: int) -> None:
-        """The heartbeat, once a tick before `apply`: the loop has come round to this time; and what has become of the guard meanwhile."""
-        self._guard = self._motors.beat(now_ns)
-
-    def apply(self, tick: int, imu_status: int, limits: int, alarms: int, upright: bool, index: int) -> bool:
+    def apply(self, tick: int, imu_status: int, limits: int, alarms: int, upright: bool, index: int, guard: int = OK) -> bool:
         """Evaluates the table for this tick and writes the motors accordingly.
 
         Args:
@@ -222,12 +223,13 @@ class Supervisor:
             alarms: frame.alarms of the tick.
             upright: lean within limits.engage_tilt_rad; looked at only while arming.
             index: row of the frame whose pulses are meant.
+            guard: what the guard answers to this tick's heartbeat: guard.OK, LINE_DROPPED or LOST.
 
         Returns:
             True where the pulses were let through to the motors.
         """
         conditions = imu_status << _STATUS | limits << _LIMITS | alarms << _ALARMS
-        if not imu_status & imu.IMU_OK:
+        if not imu_status & IMU_OK:
             conditions |= C.IMU_BAD
         if upright:
             conditions |= C.UPRIGHT
@@ -236,17 +238,19 @@ class Supervisor:
             self._button = False
         if self.calibrated:
             conditions |= C.CALIBRATED
-        if not self.refusals & prearm.BLOCKING:
+        if not self.refusals & BLOCKING:
             conditions |= C.READY
         if self._motor_error:
             conditions |= C.MOTOR_ERROR
-        if self._guard:
-            conditions |= C.GUARD_LOST if self._guard == LOST else C.GUARD_DROPPED
+        if guard:
+            conditions |= C.GUARD_LOST if guard == LOST else C.GUARD_DROPPED
+            if guard == LOST:
+                self._motors.give_up()
 
-        self.request &= ~frame.REQUEST_HEADING_RESET
+        self.request &= _REQUESTS_KEPT
         if self._counting or conditions & self._triggers[self.state]:
             self._walk(conditions, tick)
-        if self.state is not State.BALANCING:
+        if self.state is not _BALANCING:
             return False
         if not self.request & frame.REQUEST_ENGAGED:  # the step has not run engaged yet: enable, start at zero
             self.request |= frame.REQUEST_ENGAGED

@@ -10,11 +10,10 @@ def add_arguments(parser) -> None:
 def run(arguments) -> int:
     """Exit code 0."""
     begin = time.perf_counter()
-    from mip_rt import robots
-    from mip_rt.hardware import compiled_io
+    from mip_rt import inputs, robots
 
     for name in robots.NAMES:
-        compiled_io.compile_for(robots.setup(name).FRAME)  # importing the setup compiles the step
+        inputs.compile_for(robots.setup(name).FRAME)  # importing the setup compiles the step
 
     print(f"compiled and kept in {time.perf_counter() - begin:.1f} s")
     return 0

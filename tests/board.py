@@ -43,8 +43,6 @@ class Kernel:
 class DirectEnable:
     """The enable line without a guard; what the guard does has tests of its own."""
 
-    beat = None
-
     def __init__(self, kernel):
         self.lines = OutputLines(kernel, GPIO[0], (20,), 0, "test")
 

@@ -59,7 +59,7 @@ def test_line_is_high_only_while_asked_and_beating(start_us, actions):
         elif action in ("ask", "release"):
             if asked != (action == "ask"):
                 asked, dropped = action == "ask", False
-            pair.client.status = guard.OK  # it lives
+            pair.client.memory[guard_client.STATUS] = guard.OK  # it lives
             pair.client.set(asked)
         level = pair.step(wait_ms)
         fresh = beat_ns is not None and pair.now_ns - beat_ns < TIMEOUT_S * 1e9

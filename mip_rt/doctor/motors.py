@@ -44,7 +44,6 @@ def open_bench(patient) -> MotorBench:
     from mip_rt.hardware import compiled_io
 
     layout = robots.layout(patient.config.robot)
-    compiled_io.compile_for(layout.dtype)
     rows = np.zeros(1, layout.dtype)
     if compiled_io.JIT_DISABLED:
         rows = rows.view(np.recarray)

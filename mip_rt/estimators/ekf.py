@@ -14,23 +14,15 @@ Source: dissertation (5.35) and the cycle of section I.4 of the corrected equati
 """
 
 import math
-import sys
 from typing import NamedTuple
 
 import numpy as np
 
 from mip_rt.compiled import njit
-from mip_rt.estimators.rows import (
-    ROW,
-    add_scaled_row,
-    add_scaled_row_to_vector,
-    add_scaled_vector,
-    copy_row,
-    subtract_square,
-)
+from mip_rt.estimators.rows import ROW, VECTORS, add_scaled_vector, combine_rows, subtract_square
 
 # Of indices that are loaded: unsigned ones need no test for negative values, 64 bits are dear on a 32-bit machine.
-INDEX = np.uint64 if sys.maxsize > 2**32 else np.int32
+INDEX = np.uint64 if VECTORS else np.int32
 
 MEASUREMENTS = 8  # the most measurements a filter may have
 
@@ -58,7 +50,6 @@ STATE = np.dtype(
         ("H", "f8", (MEASUREMENTS, ROW)),  # dh/dx, likewise
         ("h", "f8", (MEASUREMENTS,)),
         ("dx", "f8", (ROW,)),
-        ("gain", "f8", (ROW,)),
         ("product", "f8", (ROW, ROW)),
         ("transposed", "f8", (ROW, ROW)),
     ],
@@ -119,11 +110,7 @@ def reset(state, noise, n):
 def _multiply(result, A, dt, start, columns, n, matrix, upper):
     """result = (I + dt A) matrix for the first n rows; where `upper` is 1, only the columns from the diagonal on are needed."""
     for i in range(n):
-        first = i * upper
-        copy_row(result, i, matrix, i, first, n)
-        for e in range(start[i], start[i + 1]):
-            k = columns[e]
-            add_scaled_row(result, i, dt * A[i, k], matrix, k, first, n)
+        combine_rows(result, i, matrix, i, A, i, dt, columns, start[i], start[i + 1], matrix, i * upper, n)
 
 
 @njit
@@ -150,7 +137,7 @@ def update(state, noise, start, columns, n, m, y, valid):
     Refused, missing and non-finite measurements leave state and covariance as they are and are flagged and counted.
     """
     P = state.P
-    gain = state.gain
+    gain = state.product[0]
     dx = state.dx
     flags = state.status
     for i in range(ROW):
@@ -164,11 +151,7 @@ def update(state, noise, start, columns, n, m, y, valid):
             flags |= NOT_FINITE
             continue
         state.innovation[k] = innovation
-        for i in range(ROW):
-            gain[i] = 0.0
-        for e in range(start[k], start[k + 1]):
-            c = columns[e]
-            add_scaled_row_to_vector(gain, state.H[k, c], P, c, n)
+        combine_rows(state.product, 0, P, ROW - 1, state.H, k, 1.0, columns, start[k], start[k + 1], P, 0, n)  # the last row of P is zero
         variance = noise.R[k]
         for e in range(start[k], start[k + 1]):
             c = columns[e]

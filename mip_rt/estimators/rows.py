@@ -4,10 +4,12 @@ On a PC: a compiler that meets ``P[i, j] -= a * g[j]`` cannot know that P and g 
 the filter then takes twice as long. So there an operation loads, multiplies and stores a whole row as one LLVM vector (two to
 eight instructions) and does not care which columns are needed.
 
-On 32-bit ARM, whose double precision has no vectors, every number costs five instructions: there, and with NUMBA_DISABLE_JIT=1, an
-operation is a loop over the columns that are needed.
+On 32-bit ARM, whose double precision has no vectors, every number that is loaded or stored costs an instruction for itself and one for its
+address: there, and with NUMBA_DISABLE_JIT=1, an operation is a loop over the columns that are needed, and up to four products are added before a
+number is stored.
 
-Arguments in common: `first` and `n` bound the needed columns, first <= j < n; columns outside may be written or not.
+Arguments in common: `first` and `n` bound the needed columns, first <= j < n; columns outside may be written or not. The sums are the same in
+both forms, to the bit: products are added one after the other.
 """
 
 import sys
@@ -60,27 +62,20 @@ if VECTORS:
 
         return types.void(target, types.uintp, source, types.uintp), generate
 
-    @njit
-    def copy_row(target, i, source, k, first, n):
-        """target[i, j] = source[k, j]."""
-        _copy(target, i, source, k)
+    @njit(forceinline=True)
+    def combine_rows(target, i, base, b, factors, f, scale, columns, begin, end, source, first, n):
+        """target[i, j] = base[b, j] + the sum over the entries e, begin <= e < end, of scale * factors[f, c] * source[c, j], c = columns[e]."""
+        _copy(target, i, base, b)
+        for e in range(begin, end):
+            c = columns[e]
+            _add_scaled(target, i, scale * factors[f, c], source, c)
 
-    @njit
-    def add_scaled_row(target, i, factor, source, k, first, n):
-        """target[i, j] += factor * source[k, j]."""
-        _add_scaled(target, i, factor, source, k)
-
-    @njit
-    def add_scaled_row_to_vector(target, factor, source, k, n):
-        """target[j] += factor * source[k, j]."""
-        _add_scaled(target, 0, factor, source, k)
-
-    @njit
+    @njit(forceinline=True)
     def add_scaled_vector(target, factor, source, n):
         """target[j] += factor * source[j]."""
         _add_scaled(target, 0, factor, source, 0)
 
-    @njit
+    @njit(forceinline=True)
     def subtract_square(matrix, factor, vector, n):
         """matrix -= factor * vector vector' for a symmetric matrix."""
         for i in range(n):
@@ -88,31 +83,61 @@ if VECTORS:
 
 else:
 
-    @njit
-    def copy_row(target, i, source, k, first, n):
-        """target[i, j] = source[k, j]."""
+    @njit(forceinline=True)
+    def _add_one(target, i, base, b, f0, k0, source, first, n):
         for j in range(first, n):
-            target[i, j] = source[k, j]
+            target[i, j] = base[b, j] + f0 * source[k0, j]
 
-    @njit
-    def add_scaled_row(target, i, factor, source, k, first, n):
-        """target[i, j] += factor * source[k, j]."""
+    @njit(forceinline=True)
+    def _add_two(target, i, base, b, f0, k0, f1, k1, source, first, n):
         for j in range(first, n):
-            target[i, j] += factor * source[k, j]
+            target[i, j] = base[b, j] + f0 * source[k0, j] + f1 * source[k1, j]
 
-    @njit
-    def add_scaled_row_to_vector(target, factor, source, k, n):
-        """target[j] += factor * source[k, j]."""
-        for j in range(n):
-            target[j] += factor * source[k, j]
+    @njit(forceinline=True)
+    def _add_three(target, i, base, b, f0, k0, f1, k1, f2, k2, source, first, n):
+        for j in range(first, n):
+            target[i, j] = base[b, j] + f0 * source[k0, j] + f1 * source[k1, j] + f2 * source[k2, j]
 
-    @njit
+    @njit(forceinline=True)
+    def _add_four(target, i, base, b, f0, k0, f1, k1, f2, k2, f3, k3, source, first, n):
+        for j in range(first, n):
+            target[i, j] = base[b, j] + f0 * source[k0, j] + f1 * source[k1, j] + f2 * source[k2, j] + f3 * source[k3, j]
+
+    @njit(forceinline=True)
+    def combine_rows(target, i, base, b, factors, f, scale, columns, begin, end, source, first, n):
+        """target[i, j] = base[b, j] + the sum over the entries e, begin <= e < end, of scale * factors[f, c] * source[c, j], c = columns[e]."""
+        odd = (end - begin) % 4
+        e = begin
+        if odd == 0:
+            for j in range(first, n):
+                target[i, j] = base[b, j]
+        else:
+            c0 = columns[e]
+            f0 = scale * factors[f, c0]
+            if odd == 1:
+                _add_one(target, i, base, b, f0, c0, source, first, n)
+            else:
+                c1 = columns[e + 1]
+                f1 = scale * factors[f, c1]
+                if odd == 2:
+                    _add_two(target, i, base, b, f0, c0, f1, c1, source, first, n)
+                else:
+                    c2 = columns[e + 2]
+                    _add_three(target, i, base, b, f0, c0, f1, c1, scale * factors[f, c2], c2, source, first, n)
+        for e in range(begin + odd, end, 4):
+            c0, c1, c2, c3 = columns[e], columns[e + 1], columns[e + 2], columns[e + 3]
+            _add_four(
+                target, i, target, i, scale * factors[f, c0], c0, scale * factors[f, c1], c1, scale * factors[f, c2], c2,
+                scale * factors[f, c3], c3, source, first, n,
+            )  # fmt: skip
+
+    @njit(forceinline=True)
     def add_scaled_vector(target, factor, source, n):
         """target[j] += factor * source[j]."""
         for j in range(n):
             target[j] += factor * source[j]
 
-    @njit
+    @njit(forceinline=True)
     def subtract_square(matrix, factor, vector, n):
         """matrix -= factor * vector vector' for a symmetric matrix: the upper half is computed, the lower one copied."""
         for i in range(n):

@@ -269,16 +269,20 @@ class FakeI2cBus:
         """A transfer that writes a register's address and reads from there, for `transfer`."""
         return request, reply, _buffer_of(request), _buffer_of(reply)
 
-    def transfer(self, prepared) -> None:
-        """Carries out a prepared transfer."""
+    def transfer(self, prepared) -> int:
+        """Carries out a prepared transfer; returns 0 or the errno."""
         request, reply, address, data = prepared
         chip = self.chip
         if "i2c_rdwr" in self.__dict__ or self.before or self._charge or not chip.answers():
-            self.i2c_rdwr(request, reply)  # somebody wants to see every transfer, or change it
-            return
+            try:
+                self.i2c_rdwr(request, reply)  # somebody wants to see every transfer, or change it
+            except OSError as error:
+                return error.errno
+            return 0
         chip.transfers += 1
         chip.pointer = address[0] & 0x7F
         data[:] = chip.read(len(data))
+        return 0
 
     def close(self) -> None:
         """Nothing is held."""

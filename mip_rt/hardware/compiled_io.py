@@ -1,17 +1,15 @@
-"""The two system calls of the hot path that need no Python: reading counters and writing pulses through open sysfs files.
+"""Reading counters and writing pulses through open sysfs files, compiled.
 
 In Python a read of one counter (call, bytes, int, wrap) is 4,700 ARM instructions and a write of one pulse 8,000; in compiled code they are a
-few hundred, and what is read or written stands in the tick's row at once. The functions call the C library's pread and pwrite by name,
-so the compiled code can be kept on disk.
+few hundred.
 
 Source: sysfs attributes are read and written whole from offset 0 (Documentation/filesystems/sysfs.rst).
 """
 
-import os
-
 import numpy as np
 
 from mip_rt.compiled import JIT_DISABLED, direct, njit, numba, record_array
+from mip_rt.hardware.system_calls import pread, pwrite
 
 MOST = 4  # encoders or motors
 TEXT = 24  # bytes of an attribute: a 64-bit number and its newline
@@ -54,49 +52,9 @@ def records(dtype, number: int):
     return made.view(np.recarray) if JIT_DISABLED else made
 
 
-def reader_for(frame_dtype):
-    """`read_counters` for the rows of one robot, compiled."""
-    return direct(read_counters, record_array(COUNTERS), record_array(frame_dtype), numba.int64)
-
-
 def writer_for(frame_dtype):
-    """`write_pulses` likewise."""
+    """`write_pulses` for the rows of one robot, compiled."""
     return direct(write_pulses, record_array(PULSES), record_array(frame_dtype), numba.int64)
-
-
-def compile_for(frame_dtype) -> None:
-    """Compiles both, so that nothing compiles in the first tick."""
-    reader_for(frame_dtype)
-    writer_for(frame_dtype)
-
-
-if JIT_DISABLED:
-
-    def _pread(fd, text):
-        try:
-            found = os.pread(fd, TEXT, 0)
-        except OSError:
-            return -1
-        text[: len(found)] = np.frombuffer(found, np.uint8)
-        return len(found)
-
-    def _pwrite(fd, text, length):
-        try:
-            return os.pwrite(fd, bytes(text[:length]), 0)
-        except OSError:
-            return -1
-
-else:
-    _C_PREAD = numba.types.ExternalFunction("pread", numba.intp(numba.int32, numba.uintp, numba.uintp, numba.intp))
-    _C_PWRITE = numba.types.ExternalFunction("pwrite", numba.intp(numba.int32, numba.uintp, numba.uintp, numba.intp))
-
-    @njit
-    def _pread(fd, text):
-        return _C_PREAD(np.int32(fd), np.uintp(text.ctypes.data), np.uintp(TEXT), np.intp(0))
-
-    @njit
-    def _pwrite(fd, text, length):
-        return _C_PWRITE(np.int32(fd), np.uintp(text.ctypes.data), np.uintp(length), np.intp(0))
 
 
 @njit
@@ -138,7 +96,7 @@ def decimal(value, text):
 
 @njit
 def _read(c, i):
-    value, good = number(c.text, _pread(c.fd[i], c.text))
+    value, good = number(c.text, pread(c.fd[i], c.text.ctypes.data, TEXT))
     if good == 1:
         moved = (value - c.raw[i] + HALF) % WRAP - HALF
         c.count[i] += moved
@@ -156,18 +114,16 @@ def read_counter(counters, i):
     return _read(counters[0], i)
 
 
-@njit
-def read_counters(counters, rows, index):
-    """Reads all counters into rows[index].encoder_count, unwrapped; a counter that cannot be read keeps its last count.
+@njit([numba.void(record_array(COUNTERS))])
+def read_counters(counters):
+    """Reads all counters, unwrapped; one that cannot be read keeps its last count.
 
     Args:
         counters: (1,) COUNTERS.
-        rows: (n,) frames.
     """
     c = counters[0]
-    row = rows[index]
     for i in range(c.number):
-        row.encoder_count[i] = _read(c, i)
+        _read(c, i)
 
 
 @njit
@@ -175,7 +131,7 @@ def _write(p, i, pulse):
     if pulse == p.written_ns[i]:
         return True
     length = decimal(pulse, p.text)
-    if _pwrite(p.fd[i], p.text, length) != length:
+    if pwrite(p.fd[i], p.text.ctypes.data, length) != length:
         p.written_ns[i] = -1
         return False
     p.written_ns[i] = pulse

@@ -10,7 +10,7 @@ from mip_rt.hardware import compiled_io
 from mip_rt.hardware.battery import Battery
 from mip_rt.hardware.boards import GPIO, board, serial_device
 from mip_rt.hardware.encoders import Encoder
-from mip_rt.hardware.gpio import InputEvents
+from mip_rt.hardware.input_events import InputEvents
 from mip_rt.hardware.leds import Leds
 from mip_rt.hardware.motors import Motors
 from mip_rt.hardware.mpu9250 import Mpu9250
@@ -34,6 +34,7 @@ class Devices:
     remote: RemoteCommand
     port: SerialPort | None
     leds: Leds
+    guard: object  # guard_client.GuardClient
     battery_v: float = math.nan
 
     def close(self) -> None:
@@ -75,7 +76,7 @@ def open_devices(kernel, config, enable, remote_device: str | None, image=None) 
         imu.start()
         opened.pop_all()
     remote = RemoteCommand(port, FourJoyDecoder(), config.remote)
-    return Devices(imu, imu_line, encoders, counters, motors, battery, button, remote, port, Leds(kernel, pins.leds), battery.read())
+    return Devices(imu, imu_line, encoders, counters, motors, battery, button, remote, port, Leds(kernel, pins.leds), enable, battery.read())
 
 
 def _closed_with(opened: ExitStack, part):

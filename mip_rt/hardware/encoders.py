@@ -24,6 +24,7 @@ class Encoder:
 
     Attributes:
         interface: "counter" or "tieqep".
+        path: the count's file.
     """
 
     def __init__(self, kernel, address: str, bank=None, index: int = 0):
@@ -31,7 +32,7 @@ class Encoder:
         counter = sysfs.find_by_address(kernel.path("sys/bus/counter/devices"), "counter*", address)
         if counter is not None:
             self.interface, self._folder = "counter", counter / "count0"
-            self._count_file = self._folder / "count"
+            self.path = self._folder / "count"
         else:
             found = sorted(kernel.path(TIEQEP_FOLDERS).glob(f"**/{address}.eqep"))
             if not found:
@@ -41,7 +42,7 @@ class Encoder:
                     "encoder_missing",
                 )
             self.interface, self._folder = "tieqep", found[0]
-            self._count_file = self._folder / "position"
+            self.path = self._folder / "position"
         self._fd = -1
 
     @property
@@ -65,13 +66,13 @@ class Encoder:
                 sysfs.write(self._folder / "enable", "0\n")
                 sysfs.write(self._folder / "ceiling", f"{WRAP - 1}\n")
                 sysfs.write(self._folder / "function", "quadrature x4\n")
-                sysfs.write(self._count_file, "0\n")
+                sysfs.write(self.path, "0\n")
                 sysfs.write(self._folder / "enable", "1\n")
             else:
                 sysfs.write(self._folder / "mode", "0\n")
-                sysfs.write(self._count_file, "0\n")
+                sysfs.write(self.path, "0\n")
                 sysfs.write(self._folder / "enabled", "1\n")
-            self._fd = os.open(self._count_file, os.O_RDONLY | os.O_CLOEXEC)
+            self._fd = os.open(self.path, os.O_RDONLY | os.O_CLOEXEC)
             raw = int(os.pread(self._fd, 24, 0).split()[0])
         except (OSError, ValueError, IndexError) as error:
             raise EncoderError(
@@ -88,10 +89,10 @@ class Encoder:
         Source: ti-eqep before Linux 6.10 relies on somebody else's clock, and begins with a ceiling of 0.
         """
         try:
-            sysfs.write(self._count_file, f"{probe}\n")
+            sysfs.write(self.path, f"{probe}\n")
             kernel.sleep(0.002)
-            found = int(sysfs.read(self._count_file).split()[0])
-            sysfs.write(self._count_file, "0\n")
+            found = int(sysfs.read(self.path).split()[0])
+            sysfs.write(self.path, "0\n")
         except (OSError, ValueError, IndexError):
             return False
         for name in ("raw", "count"):

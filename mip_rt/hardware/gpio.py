@@ -1,4 +1,4 @@
-"""GPIO lines by the character device: edge events with kernel timestamps, and outputs that fall when the process dies.
+"""GPIO lines by the character device: how they are requested, and outputs that fall when the process dies.
 
 The second version of the ABI (Linux 5.10 and later) is used, the first where the second is refused. A line is named by the address of
 its bank and its offset, because chip numbers and labels are not stable.
@@ -21,7 +21,6 @@ EDGES = {"rising": EDGE_RISING, "falling": EDGE_FALLING, "both": EDGE_RISING | E
 EVENT_V2 = struct.Struct("<QIIII24x")
 EVENT_V1 = struct.Struct("<QIxxxx")
 _VALUES = struct.Struct("<QQ")
-_BUFFERED = 64
 
 
 def find_chip(kernel, address: str) -> Path:
@@ -32,7 +31,7 @@ def find_chip(kernel, address: str) -> Path:
     return kernel.path("dev", entry.name)
 
 
-def _request_v2(kernel, chip_fd, offsets, flags, consumer, values):
+def _request_v2(kernel, chip_fd, offsets, flags, consumer, values, buffered):
     request = bytearray(592)
     struct.pack_into(f"<{len(offsets)}I", request, 0, *offsets)
     request[256 : 256 + len(consumer)] = consumer
@@ -41,7 +40,7 @@ def _request_v2(kernel, chip_fd, offsets, flags, consumer, values):
         struct.pack_into("<IIQQ", request, 320, 2, 0, values, (1 << len(offsets)) - 1)
     else:
         struct.pack_into("<QI", request, 288, flags, 0)
-    struct.pack_into("<II", request, 560, len(offsets), _BUFFERED if flags & (EDGE_RISING | EDGE_FALLING) else 0)
+    struct.pack_into("<II", request, 560, len(offsets), buffered)
     kernel.ioctl(chip_fd, GET_LINE_V2, request)
     return struct.unpack_from("<i", request, 588)[0]
 
@@ -64,8 +63,12 @@ def _request_v1(kernel, chip_fd, offsets, flags, consumer, values):
     return struct.unpack_from("<i", request, 360)[0]
 
 
-def _request(kernel, address, offsets, flags, consumer, values=0):
-    """(fd, ABI version) of the requested lines."""
+def request_lines(kernel, address, offsets, flags, consumer, values=0, buffered=0):
+    """(fd, version of the interface) of lines of one bank; of their events the kernel keeps `buffered`.
+
+    Raises:
+        GpioError: there is no such bank, or it does not give the lines.
+    """
     path = find_chip(kernel, address)
     try:
         chip = os.open(path, os.O_RDWR | os.O_CLOEXEC)
@@ -73,7 +76,7 @@ def _request(kernel, address, offsets, flags, consumer, values=0):
         raise GpioError(f"{path} cannot be opened: {error.strerror}.", "Join the group gpio.", "gpio_open") from error
     try:
         try:
-            return _request_v2(kernel, chip, offsets, flags, consumer.encode()[:31], values), 2
+            return _request_v2(kernel, chip, offsets, flags, consumer.encode()[:31], values, buffered), 2
         except OSError as error:
             if error.errno not in (errno.EINVAL, errno.ENOTTY):
                 raise
@@ -85,51 +88,12 @@ def _request(kernel, address, offsets, flags, consumer, values=0):
         os.close(chip)
 
 
-class InputEvents:
-    """Edges of one input line.
-
-    Attributes:
-        fd: becomes readable with each edge.
-        missed: edges that the kernel's buffer dropped.
-    """
-
-    def __init__(self, kernel, address: str, offset: int, edge: str, consumer: str):
-        self.fd, version = _request(kernel, address, (offset,), INPUT | EDGES[edge], consumer)
-        os.set_blocking(self.fd, False)
-        self._event = EVENT_V2 if version == 2 else EVENT_V1
-        self._size = self._event.size * _BUFFERED
-        self._sequence = 0
-        self.missed = 0
-
-    def read(self):
-        """(timestamp_ns, edge id, number of edges) of all that is waiting, the newest's; None where nothing is."""
-        try:
-            data = os.read(self.fd, self._size)
-        except BlockingIOError:
-            return None
-        count = len(data) // self._event.size
-        if count == 0:
-            return None
-        newest = self._event.unpack_from(data, (count - 1) * self._event.size)
-        if len(newest) > 2:
-            dropped = newest[4] - self._sequence - count
-            self._sequence = newest[4]
-            if dropped > 0:
-                self.missed += dropped
-                count += dropped
-        return newest[0], newest[1], count
-
-    def close(self) -> None:
-        """Releases the line."""
-        os.close(self.fd)
-
-
 class OutputLines:
     """Output lines of one bank; when the last descriptor closes, also by a crash, they become inputs (pulled down: off)."""
 
     def __init__(self, kernel, address: str, offsets, initial: int, consumer: str):
         self._kernel, self._count = kernel, len(offsets)
-        self.fd, self._version = _request(kernel, address, tuple(offsets), OUTPUT, consumer, initial)
+        self.fd, self._version = request_lines(kernel, address, tuple(offsets), OUTPUT, consumer, initial)
         self.values = initial
 
     def set(self, values: int, mask: int) -> None:

@@ -57,7 +57,6 @@ def collect(kernel, imu, line, settings, seconds: float, rate_hz: float) -> Wind
     """
     while line.read() is not None:
         pass  # interrupts from before the window
-    buffer = bytearray(r.PACKET_BYTES)
     edges, rows, status = [], [], {}
     missed = silences = 0
     end_ns = kernel.monotonic_ns() + round(seconds * 1e9)
@@ -70,10 +69,10 @@ def collect(kernel, imu, line, settings, seconds: float, rate_hz: float) -> Wind
             continue
         edges.append(edge[0])
         missed += edge[2] - 1
-        found = imu.read(buffer, 0)
+        found = imu.read()
         status[found] = status.get(found, 0) + 1
         if found & IMU_OK:
-            rows.append(_PACKET.unpack_from(buffer))
+            rows.append(_PACKET.unpack_from(imu.packet))
     data = np.array(rows, float).reshape(-1, 10)
     norm = np.linalg.norm(data[:, :4], axis=1, keepdims=True)
     return Window(

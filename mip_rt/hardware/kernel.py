@@ -5,9 +5,9 @@ the methods here.
 """
 
 import fcntl
-import select
 import subprocess
 import time
+from functools import partial
 from pathlib import Path
 
 
@@ -19,31 +19,26 @@ class Kernel:
     """
 
     root = Path("/")
-
-    def __init__(self):
-        self._poll = select.poll()
-        self._polled = -1
+    monotonic_ns = staticmethod(time.monotonic_ns)  # CLOCK_MONOTONIC, the clock of GPIO event timestamps
 
     def path(self, *parts: str) -> Path:
         """A path below the root; parts are relative."""
         return self.root.joinpath(*parts)
-
-    def monotonic_ns(self) -> int:
-        """CLOCK_MONOTONIC, the clock of GPIO event timestamps."""
-        return time.monotonic_ns()
 
     def sleep(self, seconds: float) -> None:
         """Waits; for set-up code only."""
         time.sleep(seconds)
 
     def wait_readable(self, fd: int, timeout_s: float) -> bool:
-        """True as soon as fd can be read, False after the timeout."""
-        if fd != self._polled:
-            if self._polled >= 0:
-                self._poll.unregister(self._polled)
-            self._poll.register(fd, select.POLLIN)
-            self._polled = fd
-        return bool(self._poll.poll(timeout_s * 1000.0))
+        """True as soon as fd can be read, False after the timeout. From the second call on without any Python."""
+        import numpy as np
+
+        from mip_rt.compiled import direct  # not at the beginning: the guard has a kernel, and no numba
+        from mip_rt.hardware import system_calls
+
+        self._polled = np.zeros(1, system_calls.POLLED)
+        self.wait_readable = partial(direct(system_calls.wait_readable), self._polled.ctypes.data)
+        return self.wait_readable(fd, timeout_s)
 
     def ioctl(self, fd: int, request: int, argument, mutate: bool = True):
         """fcntl.ioctl."""

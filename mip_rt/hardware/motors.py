@@ -33,7 +33,6 @@ class Motors:
         errors: writes that the kernel refused.
         last_error: the last of them, None before the first.
         enabled: the enable line was asked to be high.
-        beat: the enable line's `beat(now_ns)`, which the supervisor calls once a tick.
     """
 
     def __init__(self, kernel, board, channels, period_ns: int, enable):
@@ -55,7 +54,7 @@ class Motors:
         self._pulses["two"] = int(scheme == "two-pwm")
         self._rows = self._write = None
         self.errors, self.last_error, self.enabled = 0, None, False
-        self._enable, self.beat = enable, enable.beat
+        self._enable = enable
         # Direction lines may lie in several banks: one request a bank, and for each motor its bits there.
         by_bank = {}
         for pin in pins:
@@ -138,6 +137,10 @@ class Motors:
         self.errors += 1
         self.last_error = error
         return False
+
+    def give_up(self) -> None:
+        """The enable line's guard is lost for good."""
+        self._enable.give_up()
 
     def off(self) -> None:
         """Enable low and no pulse; every part is tried, whatever the others do. Never raises."""

@@ -6,11 +6,14 @@ wrong comes back as bits (imu_status) and in `counters`.
 
 import ctypes
 import errno
-import math
-import struct
+import sys
+from functools import partial
 
+import numpy as np
+
+from mip_rt.compiled import direct
 from mip_rt.errors import ImuError
-from mip_rt.hardware import dmp
+from mip_rt.hardware import dmp, packet_check
 from mip_rt.hardware import mpu9250_registers as r
 from mip_rt.hardware.bus_errors import explain
 from mip_rt.hardware.imu_status import (
@@ -26,12 +29,11 @@ from mip_rt.hardware.imu_status import (
 )
 
 RETRIES = 3  # of each bring-up step
-FROZEN_AFTER = 10  # equal packets in a row
-NORM_TOLERANCE = 0.01
-Q30 = float(1 << 30)
 HALF_WRITTEN_WAIT_S = 200e-6
 INTERNAL_HZ = 1000.0  # that SMPLRT_DIV divides while a low-pass is on
-_QUATERNION = struct.Struct(">4i")
+ONE_PACKET = r.PACKET_BYTES if sys.byteorder == "big" else r.PACKET_BYTES << 8  # the big-endian count as this machine reads it
+
+_REFUSED = {packet_check.BAD_NORM: ("bad_norm", IMU_BAD_NORM), packet_check.FROZEN: ("frozen", IMU_FROZEN)}
 
 
 class Mpu9250:
@@ -44,6 +46,7 @@ class Mpu9250:
 
     Attributes:
         chip: name of the chip that answered, after `start`.
+        packet: (32,) bytes, the newest packet where the last read returned IMU_OK.
         backlog: packets that waited beside the newest, at the last read.
         counters: how often each kind of trouble occurred.
     """
@@ -56,7 +59,6 @@ class Mpu9250:
         self._bus = kernel.open_i2c(settings.bus)
         self._sample_divider = round(INTERNAL_HZ / dmp.SAMPLE_HZ) - 1
         self._prepare()
-        self._equal = 0
         self.chip = ""
         self.backlog = 0
         self.counters = dict.fromkeys(("bus_errors", "misaligned", "overflows", "bad_norm", "frozen", "backlog", "resets"), 0)
@@ -67,13 +69,17 @@ class Mpu9250:
         count_reply = i2c_msg.read(address, 2)
         self._read_count = self._bus.prepare(i2c_msg.write(address, [r.FIFO_COUNT_H]), count_reply)
         self._count_bytes = _bytes_of(count_reply, 0, 2)
+        self._count_word = self._count_bytes.cast("H")
         # One transfer for each number of waiting packets; only the last packet of it is used.
         request = i2c_msg.write(address, [r.FIFO_R_W])
         replies = [i2c_msg.read(address, r.PACKET_BYTES * n) for n in range(1, r.FIFO_BYTES // r.PACKET_BYTES + 1)]
         self._read_fifo = [self._bus.prepare(request, reply) for reply in replies]
         self._packets = [_bytes_of(m, r.PACKET_BYTES * n, r.PACKET_BYTES) for n, m in enumerate(replies)]
         self._kept = request, count_reply, replies  # the prepared transfers point into their buffers
-        self._last = bytearray(r.PACKET_BYTES)
+        self.packet = np.frombuffer(self._packets[0], np.uint8)
+        self._state = np.zeros(1, packet_check.STATE)
+        check, state_at = direct(packet_check.check), self._state.ctypes.data
+        self._checks = [partial(check, state_at, _address_of(m, r.PACKET_BYTES * n)) for n, m in enumerate(replies)]
 
     # -- bring-up ----------------------------------------------------------------------------------------------------
     def start(self) -> None:
@@ -171,7 +177,7 @@ class Mpu9250:
         self._write(r.USER_CTRL, r.USER_DMP_EN | r.USER_FIFO_EN)
         self._write(r.INT_ENABLE, r.INT_DMP)
         self._write(r.FIFO_EN, 0)
-        self._equal = 0
+        self._state["equal"] = 0
 
     def _write(self, register: int, *values: int) -> None:
         self._bus.i2c_rdwr(self._message.write(self._settings.address, [register, *values]))
@@ -199,63 +205,59 @@ class Mpu9250:
     # -- hot path ----------------------------------------------------------------------------------------------------
     def _transfer(self, prepared) -> int:
         """0, or the bits of what went wrong; one immediate retry, none after a time-out: the kernel has already waited a second."""
-        for _ in range(2):
-            try:
-                self._bus.transfer(prepared)
-                return 0
-            except OSError as error:
-                if error.errno == errno.ETIMEDOUT:
-                    self.counters["bus_errors"] += 1
-                    return IMU_BUS_ERROR | IMU_BUS_TIMEOUT
+        refused = self._bus.transfer(prepared)
+        if not refused or refused != errno.ETIMEDOUT and not (refused := self._bus.transfer(prepared)):
+            return 0
         self.counters["bus_errors"] += 1
-        return IMU_BUS_ERROR
+        return IMU_BUS_ERROR | IMU_BUS_TIMEOUT if refused == errno.ETIMEDOUT else IMU_BUS_ERROR
 
-    def read(self, buffer, offset: int) -> int:
-        """Copies the newest packet (32 bytes) to buffer[offset:]; returns the IMU_* bits. Never raises for the bus."""
-        self.backlog = 0
+    def read(self) -> int:
+        """Brings the newest packet into `packet`; returns the IMU_* bits. Never raises for the bus."""
+        self.backlog = newest = status = 0
         refused = self._transfer(self._read_count)
         if refused:
             return refused
-        count_bytes = self._count_bytes
-        count = (count_bytes[0] & 0x1F) << 8 | count_bytes[1]
-        if count == 0:
-            return IMU_NO_DATA
-        status = 0
-        if count % r.PACKET_BYTES:
+        if self._count_word[0] != ONE_PACKET:
+            status, newest = self._more_or_less()
+            if newest < 0:
+                return status
+        refused = self._transfer(self._read_fifo[newest])
+        if refused:
+            return status | refused
+        found = self._checks[newest]()
+        if found:
+            name, bit = _REFUSED[found]
+            self.counters[name] += 1
+            return status | bit
+        if newest:
+            self._packets[0][:] = self._packets[newest]
+        return status | IMU_OK
+
+    def _count(self) -> int:
+        return (self._count_bytes[0] & 0x1F) << 8 | self._count_bytes[1]
+
+    def _more_or_less(self) -> tuple[int, int]:
+        """(IMU_* bits, number of the newest packet that waits) where the count is not that of one packet; the number is -1 where none can be read."""
+        if self._count() == 0:
+            return IMU_NO_DATA, -1
+        if self._count() % r.PACKET_BYTES:
             self._kernel.sleep(HALF_WRITTEN_WAIT_S)
             refused = self._transfer(self._read_count)
             if refused:
-                return refused
-            count = (count_bytes[0] & 0x1F) << 8 | count_bytes[1]
-            if count % r.PACKET_BYTES:
+                return refused, -1
+            if self._count() % r.PACKET_BYTES:
                 self.counters["misaligned"] += 1
-                return IMU_MISALIGNED
-        waiting = count // r.PACKET_BYTES
+                return IMU_MISALIGNED, -1
+        status, waiting = 0, self._count() // r.PACKET_BYTES
         if waiting >= len(self._packets):
             waiting = len(self._packets)
             self.counters["overflows"] += 1
-            status |= IMU_OVERFLOW
-        refused = self._transfer(self._read_fifo[waiting - 1])
-        if refused:
-            return status | refused
+            status = IMU_OVERFLOW
         if waiting > 1:
             self.backlog = waiting - 1
             self.counters["backlog"] += waiting - 1
             status |= IMU_BACKLOG
-        packet = self._packets[waiting - 1]
-        if not abs(math.hypot(*_QUATERNION.unpack_from(packet)) / Q30 - 1.0) <= NORM_TOLERANCE:
-            self.counters["bad_norm"] += 1
-            return status | IMU_BAD_NORM
-        if packet == self._last:
-            self._equal += 1
-            if self._equal >= FROZEN_AFTER - 1:
-                self.counters["frozen"] += 1
-                return status | IMU_FROZEN
-        else:
-            self._equal = 0
-            self._last[:] = packet
-        buffer[offset : offset + r.PACKET_BYTES] = packet
-        return status | IMU_OK
+        return status, waiting - 1
 
     def on_timeout(self) -> None:
         """After a missing interrupt: reads the status, which releases a latched line, and the count."""
@@ -273,7 +275,10 @@ class Mpu9250:
         self._bus.close()
 
 
+def _address_of(message, offset: int) -> int:
+    return ctypes.addressof(message.buf.contents) + offset
+
+
 def _bytes_of(message, offset: int, length: int):
     """A view of a message's buffer that follows each transfer."""
-    address = ctypes.addressof(message.buf.contents) + offset
-    return memoryview((ctypes.c_ubyte * length).from_address(address)).cast("B")
+    return memoryview((ctypes.c_ubyte * length).from_address(_address_of(message, offset))).cast("B")

@@ -9,9 +9,12 @@ Source: InvenSense register map RM-MPU-9250A-00 rev. 1.4: 0x38 bit 0, 0x3A to 0x
 import math
 import struct
 
+import numpy as np
+
 from mip_rt.hardware import mpu9250_registers as r
 from mip_rt.hardware.imu_status import IMU_BAD_NORM, IMU_FROZEN, IMU_NO_DATA, IMU_OK
-from mip_rt.hardware.mpu9250 import FROZEN_AFTER, INTERNAL_HZ, Mpu9250, _bytes_of
+from mip_rt.hardware.mpu9250 import INTERNAL_HZ, Mpu9250, _bytes_of
+from mip_rt.hardware.packet_check import FROZEN_AFTER
 
 ZEROS, ONES = bytes(r.RAW_BYTES), b"\xff" * r.RAW_BYTES
 LARGEST_STEP_RAD_S = 15.0  # of a rate from sample to sample: more is no motion
@@ -28,13 +31,15 @@ class RawMpu9250(Mpu9250):
         request, reply = self._message.write(address, [r.INT_STATUS]), self._message.read(address, 1 + r.RAW_BYTES)
         self._read_sample = self._bus.prepare(request, reply)
         self._status, self._sample = _bytes_of(reply, 0, 1), _bytes_of(reply, 1, r.RAW_BYTES)
-        self._parts = [(place, _bytes_of(reply, at, size)) for place, at, size in (
+        self.packet = np.zeros(r.PACKET_BYTES, np.uint8)
+        packet = memoryview(self.packet)
+        self._parts = [(packet[place : place + size], _bytes_of(reply, at, size)) for place, at, size in (
             (ACCELEROMETER, 1, 6), (GYRO, 9, 6), (TEMPERATURE, 7, 2), (STATUS, 0, 1),
         )]  # fmt: skip
         self._largest_step = LARGEST_STEP_RAD_S / math.radians(self._settings.gyro_range_dps) * 32768.0
         self._rates = 0, 0, 0
         self._kept = request, reply  # the prepared transfer points into their buffers
-        self._last = bytearray(r.RAW_BYTES)
+        self._last, self._equal = bytearray(r.RAW_BYTES), 0
 
     def start(self) -> None:
         """Resets, identifies and configures the chip, starts the data-ready interrupt.
@@ -57,8 +62,8 @@ class RawMpu9250(Mpu9250):
         self._configure()
         self._start_interrupt()
 
-    def read(self, buffer, offset: int) -> int:
-        """Copies the newest sample to buffer[offset + 16:offset + 31]; returns the IMU_* bits. Never raises for the bus."""
+    def read(self) -> int:
+        """Brings the newest sample into `packet`, bytes 16 to 30; returns the IMU_* bits. Never raises for the bus."""
         refused = self._transfer(self._read_sample)
         if refused:
             return refused
@@ -80,5 +85,5 @@ class RawMpu9250(Mpu9250):
             self._equal = 0
             self._last[:] = sample
         for place, part in self._parts:
-            buffer[offset + place : offset + place + len(part)] = part
+            place[:] = part
         return IMU_OK

@@ -18,6 +18,7 @@ class SerialPort:
         baud: one of BAUDS.
 
     Attributes:
+        fd: becomes readable when something arrives, or when the port is gone.
         errors: reads that failed, as when the device vanished.
     """
 
@@ -25,13 +26,13 @@ class SerialPort:
         if baud not in BAUDS:
             raise RemoteError(f"{baud} is no baud rate.", f"Choose one of {', '.join(map(str, BAUDS))}.", "serial_baud")
         try:
-            self._fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
-            settings = termios.tcgetattr(self._fd)
+            self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
+            settings = termios.tcgetattr(self.fd)
             settings[0] = settings[1] = settings[3] = 0
             settings[2] = termios.CS8 | termios.CREAD | termios.CLOCAL
             settings[4] = settings[5] = BAUDS[baud]
             settings[6][termios.VMIN] = settings[6][termios.VTIME] = 0
-            termios.tcsetattr(self._fd, termios.TCSANOW, settings)
+            termios.tcsetattr(self.fd, termios.TCSANOW, settings)
         except (OSError, termios.error) as error:
             raise RemoteError(
                 f"the remote's port {path} cannot be opened: {error}.",
@@ -43,7 +44,7 @@ class SerialPort:
     def read(self) -> bytes:
         """What has arrived, at most 4096 bytes; empty where nothing has or the port failed."""
         try:
-            return os.read(self._fd, CHUNK)
+            return os.read(self.fd, CHUNK)
         except BlockingIOError:
             return EMPTY
         except OSError:
@@ -52,4 +53,4 @@ class SerialPort:
 
     def close(self) -> None:
         """Closes the port."""
-        os.close(self._fd)
+        os.close(self.fd)

@@ -42,13 +42,14 @@ class TimedTransfers:
         self._transfer = transfer
         self.spent, self.kinds, self.count = np.zeros(room, np.int64), [None] * room, 0
 
-    def __call__(self, prepared) -> None:
+    def __call__(self, prepared) -> int:
         begin = time.perf_counter_ns()
-        self._transfer(prepared)
+        refused = self._transfer(prepared)
         if self.count < len(self.spent):
             self.spent[self.count] = time.perf_counter_ns() - begin
             self.kinds[self.count] = prepared
             self.count += 1
+        return refused
 
 
 def _budgets(attitude: str) -> dict:

@@ -1,32 +1,35 @@
 """Costs of a tick without its surroundings: N steps of the EKF, N whole ticks, or N times one part of a tick.
 
-For a tick the fakes are replaced by stubs after the robot balances: the IMU's line is always readable, the bus makes the driver's own ioctl
-with a request that does nothing and shows one of a few recorded packets, the encoders and PWM files are real files. What remains is
-what the controller itself costs, which `tools/test-armhf` counts in instructions.
+For a tick the fakes are replaced after the robot has balanced for some time, and play back what they gave: the IMU's line is a pipe that holds an event for
+every tick to come, the bus makes a real ioctl with a request that does nothing and shows the next recorded packet, the encoders and PWM files are real
+files. What remains is what the controller itself costs, which `tools/test-armhf` counts in instructions; a few hundred are the play-back's.
 """
 
 import fcntl
 import itertools
+import mmap
 import os
 import tempfile
 import time
+from functools import partial
 
 import numpy as np
 
 from mip_rt import config as configuration
 from mip_rt import robots
 from mip_rt import session as runner
-from mip_rt.compiled import njit
+from mip_rt.compiled import direct, njit, numba, records_at
 from mip_rt.config import scenario as scenarios
 from mip_rt.estimators import attitude, mbbr_ekf, mip_ekf
 from mip_rt.fake import bench as fake_bench
 from mip_rt.fake.kernel import SAMPLE_NS
-from mip_rt.hardware.i2c import I2cBus
+from mip_rt.hardware import compiled_io, system_calls
+from mip_rt.hardware.gpio import EVENT_V2
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
 from mip_rt.supervisor import State
 
-PACKETS = 8
+CHANGES = 8  # different pulses
 FIOCLEX = 0x5451  # an ioctl without effect here
 
 
@@ -65,44 +68,91 @@ def steps(count: int, robot: str = "mbbr") -> None:
     kernel(arguments[2], arguments[3], np.full(inputs, 0.05), np.zeros(outputs), count)
 
 
-def stubbed_loop(robot: str = "mbbr"):
-    """(loop, bench): a loop in BALANCING whose boundary gives prepared answers."""
+SHOW = np.dtype(
+    [("fd", "i8"), ("turn", "i8"), ("packet", "u8"), ("packets", "u8"), ("counts", "u8"), ("encoders", "u8", (compiled_io.MOST,))], align=True
+)
+
+
+@njit([numba.int64(numba.uint64, numba.uint64)])
+def show(state_at, prepared):
+    """As a bus's transfer: an ioctl that does nothing; after every second one (the FIFO was read) the next packet appears, and the counts of the next tick.
+
+    Args:
+        state_at: address of one SHOW.
+        prepared: not used.
+    """
+    s = records_at(state_at, 1, SHOW)[0]
+    if s.turn & 1:
+        n = s.turn >> 1
+        packet, packets = records_at(s.packet, 4, np.uint64), records_at(s.packets, 4 * (n + 1), np.uint64)
+        for i in range(4):
+            packet[i] = packets[4 * n + i]
+        counts = records_at(s.counts, compiled_io.MOST * (n + 2), np.int64)
+        for i in range(compiled_io.MOST):
+            if s.encoders[i] != 0:
+                compiled_io.decimal(counts[compiled_io.MOST * (n + 1) + i], records_at(s.encoders[i], compiled_io.TEXT, np.uint8))
+    s.turn += 1
+    return system_calls.transfer(s.fd, FIOCLEX, 0)
+
+
+def _fill(line, start_ns: int, count: int) -> None:
+    """Puts a pipe under the line's descriptor that holds an event for each of `count` ticks, to be read one by one."""
+    mine, theirs = os.pipe()
+    fcntl.fcntl(theirs, fcntl.F_SETPIPE_SZ, 1 << 20)
+    os.set_blocking(mine, False)
+    sequence = int(line.state["sequence"][0])
+    os.write(theirs, b"".join(EVENT_V2.pack(start_ns + i * SAMPLE_NS, 2, 0, sequence + i, sequence + i) for i in range(1, count + 1)))
+    os.dup2(mine, line.fd)
+    os.close(mine)
+    line.state["room"] = EVENT_V2.size
+
+
+def stubbed_loop(robot: str = "mbbr", count: int = 200):
+    """(loop, bench): a loop in BALANCING whose boundary plays back what it gave in a dry run, for `count` ticks; it was then set back to the beginning."""
     bench = fake_bench.build(shipped(robot), scenarios.load("hold"), 1, False)
     session = runner.Session(shipped(robot), bench, tempfile.mkdtemp(), bench.remote.device, 1, "costs")
-    loop, packets = session.loop, []
-    while len(packets) < PACKETS:
+    loop, kernel, devices = session.loop, bench.kernel, session.loop.devices
+
+    def turn():
         loop.tick()
         session._between_ticks(loop.ticks - 1)
-        if session.supervisor.state is State.BALANCING and session.supervisor.drive_scale >= 1.0:
-            packets.append(bytes(bench.world.packet))
-    # A stubbed robot neither moves its wheels nor answers its motors: the detectors work, but must not end the measurement.
-    patient = session.robot.parameters[0].health
-    patient.stall_duty_s = patient.mismatch_limit_rad = np.inf
-    patient.saturation_ticks = 1 << 40
-    kernel, imu, readable = bench.kernel, loop.devices.imu, os.pipe()
-    os.write(readable[1], b"x")
-    turn, lone = itertools.cycle(packets), imu._packets[0]
-    count = I2cBus.prepare(*imu._kept[:2])  # the structure that the real driver hands to the kernel
 
-    def transfer(prepared):
-        fcntl.ioctl(readable[0], FIOCLEX, count)
-        if prepared is not imu._read_count:
-            lone[:] = next(turn)
+    while session.supervisor.state is not State.BALANCING or session.supervisor.drive_scale < 1.0:
+        turn()
+    kept = [session.robot.state, session.robot.estimator_states, devices.counters]
+    saved, begin_ns = [part.copy() for part in kept], int(devices.imu_line.state["timestamp_ns"][0])
+    packets, counts = np.zeros((count, 32), np.uint8), np.zeros((count + 1, compiled_io.MOST), np.int64)
+    for n in range(count):
+        turn()
+        packets[n], counts[n] = devices.imu.packet, devices.counters["raw"][0]
+    for part, before in zip(kept, saved):
+        part[:] = before
 
-    imu._count_bytes[:] = (32).to_bytes(2, "big")
-    kernel.bus.transfer = transfer
+    null = os.open(os.devnull, os.O_RDONLY)
+    shown = np.zeros(1, SHOW)
+    shown["fd"], files = null, []
+    shown["packet"], shown["packets"], shown["counts"] = (part.ctypes.data for part in (devices.imu.packet, packets, counts))
+    for i, encoder in enumerate(devices.encoders):
+        encoder.path.write_bytes(f"{counts[0, i]}\n".encode().ljust(compiled_io.TEXT, b"\0"))
+        with encoder.path.open("r+b") as file:
+            files.append(np.frombuffer(mmap.mmap(file.fileno(), compiled_io.TEXT), np.uint8))
+        shown["encoders"][0, i] = files[-1].ctypes.data
+    kernel.bus.transfer, kernel.bus.shown = partial(direct(show), shown.ctypes.data), (shown, packets, counts, files)
+    devices.imu._count_bytes[:] = (32).to_bytes(2, "big")
+    devices.imu._read_count, devices.imu._read_fifo = 0, [0]
     real = Kernel()
-    kernel.wait_readable = lambda fd, timeout_s: real.wait_readable(readable[0], timeout_s)
-    kernel.monotonic_ns = time.monotonic_ns
-    edges = itertools.count(kernel._now_ns, SAMPLE_NS)
-    loop.devices.imu_line.read = lambda: (next(edges), 2, 1)
+    real.wait_readable(null, 0.0)  # the first call is its own replacement
+    kernel.wait_readable, kernel.monotonic_ns = real.wait_readable, real.monotonic_ns
+    kernel.ioctl = lambda fd, request, argument, mutate=True: real.ioctl(null, FIOCLEX, argument, mutate)
+    _fill(devices.imu_line, begin_ns, count)
     bench.guard.patience_s(1e4)  # it lives on the clock that has just been left, and is no part of the tick
+    devices.remote.state["frame_ns"], devices.remote.state["timeout_s"] = real.monotonic_ns(), 1e4
     return loop, bench
 
 
 def ticks(count: int, robot: str = "mbbr") -> float:
     """Runs `count` stubbed ticks; returns the seconds they took."""
-    loop, bench = stubbed_loop(robot)
+    loop, bench = stubbed_loop(robot, count)
     begin = time.perf_counter()
     for _ in range(count):
         loop.tick()
@@ -113,25 +163,36 @@ def ticks(count: int, robot: str = "mbbr") -> float:
     return elapsed
 
 
-PARTS = ("imu", "encoders", "step", "supervisor")
+PARTS = ("wait", "encoders", "imu", "inputs", "step", "supervisor", "log", "slack", "nothing")
 
 
 def parts(name: str, count: int) -> float:
     """Runs one of PARTS `count` times, as a tick calls it; returns the seconds it took."""
-    loop, bench = stubbed_loop()
+    loop, bench = stubbed_loop(count=count + 1)
     loop.tick()
     devices, ring, supervisor, at = loop.devices, loop.ring, loop.supervisor, loop.robot.layout.offset
-    changing = itertools.cycle([loop.robot.layout.pulses.pack(1000 + i, -2000 - i, 3000 + i) for i in range(PACKETS)])
+    index = (loop.ticks - 1) % ring.capacity
+    kernel, line, state = bench.kernel, devices.imu_line, supervisor.state
+    changing = itertools.cycle([loop.robot.layout.pulses.pack(1000 + i, -2000 - i, 3000 + i) for i in range(CHANGES)])
 
     def supervise():
         ring.buffer[at["duty_ns"] : at["duty_ns"] + 24] = next(changing)
         supervisor.apply(0, IMU_OK, 0, 0, True, 0)
 
+    def record():
+        ring.begin(index)
+        ring.commit(index, 5)
+
     action = {
-        "imu": lambda: devices.imu.read(ring.buffer, at["imu_packet"]),
-        "encoders": lambda: loop._read_counters(0),
-        "step": lambda: loop.robot.step(0),
+        "wait": lambda: kernel.wait_readable(line.fd, loop.silence_s) and line.take(),
+        "encoders": loop._read_counters,
+        "imu": devices.imu.read,
+        "inputs": lambda: loop._gather(index, 5, 6, 7, state, supervisor.request, 0, IMU_OK, devices.imu.backlog, devices.battery_v, 1.0),
+        "step": lambda: loop.robot.step(index),
         "supervisor": supervise,
+        "log": record,
+        "slack": lambda: loop._slack(5),
+        "nothing": lambda: None,
     }[name]
     begin = time.perf_counter()
     for _ in range(count):

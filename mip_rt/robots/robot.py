@@ -25,7 +25,7 @@ class Robot:
         kept, estimate: of an estimator's state: bytes that persist, and the range of them that is the estimate (see robots.persistence).
 
     Attributes:
-        gyro_bias_rad_s: the gyro's rates at rest, body axes; an input of every tick.
+        gyro_bias_rad_s: (3,), the gyro's rates at rest, body axes; an input of every tick.
         parameters, state, estimator_parameters, estimator_states: the step's arrays.
         step: step(index) runs the compiled step on that row; there once rows are attached.
         rows: the ring's rows, as the compiled functions want them.
@@ -40,7 +40,7 @@ class Robot:
         self._arguments = tuple(plain(array, dtype) for array, dtype in arrays)
         self.command_in_force = np.asarray(self.state["applied"])[0]
         self.persistence = Persistence(self.state, self.estimator_states, state_kept, kept, estimate)
-        self.gyro_bias_rad_s = (0.0, 0.0, 0.0)
+        self.gyro_bias_rad_s = np.zeros(3)
         self.rows = None
 
     def attach(self, rows) -> None:

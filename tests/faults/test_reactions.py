@@ -145,16 +145,15 @@ def test_wrong_rate_of_the_interrupts(balancing, factor):
     """A DMP that runs at another rate: every constant of the controller would be wrong."""
     settled(balancing)
     line = balancing.session.devices.imu_line
-    whole, first = line.read, [None]
+    whole, first_ns = line.take, line.state["timestamp_ns"][0]
 
     def stretched():
-        edge = whole()
-        if edge is None:
-            return None
-        first[0] = first[0] or edge[0]
-        return (first[0] + round((edge[0] - first[0]) * factor), *edge[1:])
+        count = whole()
+        if count:
+            line.state["timestamp_ns"] = first_ns + round((line.state["timestamp_ns"][0] - first_ns) * factor)
+        return count
 
-    line.read = stretched
+    line.take = stretched
     ends_in(balancing, "imu_rate")
 
 
@@ -352,10 +351,11 @@ def test_overrun(balancing):
 def test_numbers_that_are_not_finite_stop_the_robot(balancing, where):
     settled(balancing)
     if where == "remote":
-        balancing.session.devices.remote.update = lambda now_ns: None
-        balancing.session.devices.remote.velocity_x_m_s = math.nan
+        remote = balancing.session.devices.remote
+        remote.receive = lambda now_ns: None
+        remote.state["heard"], remote.state["frame_ns"], remote.state["wanted"] = 1, balancing.bench.kernel.monotonic_ns(), math.nan
     else:
-        balancing.session.robot.gyro_bias_rad_s = (math.nan, 0.0, 0.0)
+        balancing.session.robot.gyro_bias_rad_s[0] = math.nan
     ends_in(balancing, "not_finite", 0.01)
     rows = balancing.session.ring.rows[: balancing.session.loop.ticks]
     assert np.isfinite(rows["duty"]).all()

@@ -21,6 +21,7 @@ from mip_rt.fake.sysfs import FakeSysfs
 from mip_rt.hardware.battery import Battery
 from mip_rt.hardware.boards import board
 from mip_rt.hardware.encoders import Encoder
+from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.mpu9250 import Mpu9250
 from mip_rt.log import open as open_log
 from mip_rt.remote.command import RemoteCommand
@@ -79,7 +80,8 @@ def serial(data: bytes) -> None:
         port.data = data[at : at + piece]
         remote.receive(now * 5_000_000)
         remote.update(now * 5_000_000)
-        assert math.hypot(remote.velocity_x_m_s, remote.velocity_y_m_s) <= fastest + 1e-9 and abs(remote.yaw_rate_rad_s) <= spin + 1e-9
+        x, y, yaw_rate = remote.command
+        assert math.hypot(x, y) <= fastest + 1e-9 and abs(yaw_rate) <= spin + 1e-9
     assert decoder.frames * 7 <= len(data) and len(decoder._data) <= LONGEST
     good = fourjoy_frame(0.5, 0.75, 1)
     before = decoder.frames
@@ -95,7 +97,7 @@ class _Bus:
     def __init__(self):
         self.count, self.data = 0, b""
         self.prepare = lambda *messages: messages
-        self.transfer = lambda prepared: self.i2c_rdwr(*prepared)
+        self.transfer = lambda prepared: self.i2c_rdwr(*prepared) or 0
 
     def i2c_rdwr(self, request, reply):
         """Count, or FIFO; a FIFO that runs out repeats."""
@@ -117,7 +119,6 @@ class _Step:
         self.robot = mbbr_setup.build(_config())
         self.layout = self.robot.layout
         self.rows = np.zeros(2, self.layout.dtype)
-        self.buffer = memoryview(self.rows).cast("B")
         self.robot.attach(self.rows)
         self.tick = 0
 
@@ -137,14 +138,15 @@ def packet(data: bytes) -> None:
     s.bus.data = data[7:]
     s.bus.count = len(data) - 7 if data[0] & 1 else data[1] << 8 | data[2]
     index = s.tick % 2
-    base, at = index * s.layout.dtype.itemsize, s.layout.offset
-    status = s.imu.read(s.buffer, base + at["imu_packet"])
+    status = s.imu.read()
     assert 0 < status <= IMU_BITS
     battery_v = math.nan if data[3] < 16 else data[3] / 16.0
     values = {
         "tick": s.tick, "request": frame.REQUEST_ENGAGED, "imu_status": status, "battery_v": battery_v, "remote_age_s": 0.0, "drive_scale": 1.0,
         "encoder_count": [(value - 128) << (8 * (data[0] >> 6)) for value in data[4:7]], "remote_yaw_rate_rad_s": 3.0,
     }  # fmt: skip
+    if status & IMU_OK:
+        values["imu_packet"] = s.imu.packet
     row = s.rows[index]
     for name, value in values.items():
         row[name] = value

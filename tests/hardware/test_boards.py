@@ -274,7 +274,7 @@ def test_stock_trees_hold_the_traps(tmp_path, generation):
                 started_motors(kernel)
     if bound:
         with pytest.raises(GpioError, match="busy") as caught:
-            from mip_rt.hardware.gpio import InputEvents
+            from mip_rt.hardware.input_events import InputEvents
 
             InputEvents(blue, GPIO[3], 21, "falling", "test")
         assert caught.value.cure

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mip_rt.hardware import compiled_io
 
-ROW = np.dtype([("encoder_count", "<i8", (3,)), ("duty_ns", "<i8", (3,)), ("applied_ns", "<i8", (3,))], align=True)
+ROW = np.dtype([("duty_ns", "<i8", (3,)), ("applied_ns", "<i8", (3,))], align=True)
 
 
 def rows():
@@ -46,29 +46,29 @@ def files(tmp_path):
 )
 def test_counters_are_read_and_unwrapped(files, texts, counts):
     paths, fds = files
-    counters, made = record(compiled_io.COUNTERS, fds), rows()
+    counters = record(compiled_io.COUNTERS, fds)
     for path, text in zip(paths, texts):
         path.write_text(text)
-    compiled_io.read_counters(counters, made, 0)
-    assert tuple(made["encoder_count"][0]) == counts
+    compiled_io.read_counters(counters)
+    assert tuple(counters["count"][0, :3]) == counts
     assert list(counters["errors"][0, :3]) == [0, 0, int(texts[2] == "\n")]
 
 
 @pytest.mark.parametrize("text", ["", "garbage\n", "12x\n", "-\n", "9" * 23, "\0\0\0\n"])
 def test_nonsense_keeps_the_last_count_and_is_counted(files, text):
     paths, fds = files
-    counters, made = record(compiled_io.COUNTERS, fds), rows()
+    counters = record(compiled_io.COUNTERS, fds)
     paths[1].write_text("77\n")
-    compiled_io.read_counters(counters, made, 0)
+    compiled_io.read_counters(counters)
     paths[1].write_text(text)
-    compiled_io.read_counters(counters, made, 0)
-    assert made["encoder_count"][0, 1] == 77
+    compiled_io.read_counters(counters)
+    assert counters["count"][0, 1] == 77
     assert counters["errors"][0, 1] == 1 and counters["failing"][0, 1] == 1
 
 
 def test_a_closed_descriptor_is_an_error_not_a_crash(files):
     counters, pulses, made = record(compiled_io.COUNTERS, [-1]), record(compiled_io.PULSES, [-1], period_ns=50000, sign=1), rows()
-    compiled_io.read_counters(counters, made, 0)
+    compiled_io.read_counters(counters)
     made["duty_ns"][0, 0] = 5
     assert counters["errors"][0, 0] == 1 and compiled_io.write_pulses(pulses, made, 0) == compiled_io.REFUSED
 
@@ -78,12 +78,12 @@ def test_any_course_of_a_counter_is_followed(tmp_path_factory, steps):
     path = tmp_path_factory.mktemp("counter") / "count"
     path.write_text("0\n")
     fd = os.open(path, os.O_RDONLY)
-    counters, made, total = record(compiled_io.COUNTERS, [fd]), rows(), 0
+    counters, total = record(compiled_io.COUNTERS, [fd]), 0
     for step in steps:
         total += step * 1000
         path.write_text(f"{total % (1 << 32)}\n")
-        compiled_io.read_counters(counters, made, 0)
-        assert made["encoder_count"][0, 0] == total
+        compiled_io.read_counters(counters)
+        assert counters["count"][0, 0] == total
     os.close(fd)
 
 

@@ -15,7 +15,8 @@ from mip_rt.fake.sysfs import FakeSysfs, MappedFile
 from mip_rt.hardware.battery import Battery
 from mip_rt.hardware.boards import BOARDS, EHRPWM, GPIO, board
 from mip_rt.hardware.encoders import Encoder
-from mip_rt.hardware.gpio import InputEvents, OutputLines
+from mip_rt.hardware.gpio import OutputLines
+from mip_rt.hardware.input_events import InputEvents
 from mip_rt.hardware.motors import Motors
 from mip_rt.hardware.serial_port import SerialPort
 

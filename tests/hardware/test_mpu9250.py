@@ -156,22 +156,19 @@ def test_image_of_wrong_length_is_refused(tmp_path):
 def test_reads_the_packet(started):
     clock, imu = started
     push(clock, packet(77))
-    buffer = bytearray(64)
-    assert imu.read(buffer, 8) == IMU_OK
-    assert bytes(buffer[8:40]) == packet(77) and not any(buffer[:8]) and not any(buffer[40:])
+    assert imu.read() == IMU_OK and imu.packet.tobytes() == packet(77)
 
 
 def test_of_a_backlog_the_newest_is_used(started):
     clock, imu = started
     push(clock, *(packet(n) for n in range(1, 6)))
-    buffer = bytearray(32)
-    assert imu.read(buffer, 0) == IMU_OK | IMU_BACKLOG and imu.backlog == 4
-    assert bytes(buffer) == packet(5) and not clock.chip.fifo
+    assert imu.read() == IMU_OK | IMU_BACKLOG and imu.backlog == 4
+    assert imu.packet.tobytes() == packet(5) and not clock.chip.fifo
 
 
 def test_empty_fifo(started):
     clock, imu = started
-    assert imu.read(bytearray(32), 0) == IMU_NO_DATA
+    assert imu.read() == IMU_NO_DATA
 
 
 def test_a_half_written_packet_is_waited_for(started):
@@ -183,26 +180,24 @@ def test_a_half_written_packet_is_waited_for(started):
         clock.chip.fifo[:] = whole
 
     clock.sleep = finish
-    buffer = bytearray(32)
-    assert imu.read(buffer, 0) == IMU_OK and bytes(buffer) == packet(1)
+    assert imu.read() == IMU_OK and imu.packet.tobytes() == packet(1)
 
 
 def test_misalignment_is_reported_and_recover_mends_it(started):
     clock, imu = started
     push(clock, packet(1))
     del clock.chip.fifo[:3]
-    assert imu.read(bytearray(32), 0) == IMU_MISALIGNED and imu.counters["misaligned"] == 1
+    assert imu.read() == IMU_MISALIGNED and imu.counters["misaligned"] == 1
     imu.recover()
     push(clock, packet(2))
-    assert imu.read(bytearray(32), 0) == IMU_OK
+    assert imu.read() == IMU_OK
 
 
 def test_overflow_keeps_alignment_and_is_reported(started):
     clock, imu = started
     push(clock, *(packet(n) for n in range(1, 50)))
-    buffer = bytearray(32)
-    status = imu.read(buffer, 0)
-    assert status & IMU_OVERFLOW and status & IMU_OK and bytes(buffer) == packet(49)
+    status = imu.read()
+    assert status & IMU_OVERFLOW and status & IMU_OK and imu.packet.tobytes() == packet(49)
     assert clock.chip.overflows == 17
 
 
@@ -210,8 +205,7 @@ def test_overflow_keeps_alignment_and_is_reported(started):
 def test_a_quaternion_of_wrong_norm_is_refused(started, w):
     clock, imu = started
     push(clock, packet(1, w))
-    buffer = bytearray(32)
-    assert imu.read(buffer, 0) == IMU_BAD_NORM and not any(buffer)
+    assert imu.read() == IMU_BAD_NORM and imu.counters["bad_norm"] == 1
 
 
 def test_ten_equal_packets_are_frozen_data(started):
@@ -219,10 +213,10 @@ def test_ten_equal_packets_are_frozen_data(started):
     results = []
     for _ in range(12):
         push(clock, packet(5))
-        results.append(imu.read(bytearray(32), 0))
+        results.append(imu.read())
     assert results == [IMU_OK] * 9 + [IMU_FROZEN] * 3
     push(clock, packet(6))
-    assert imu.read(bytearray(32), 0) == IMU_OK
+    assert imu.read() == IMU_OK
 
 
 def test_one_bus_error_is_retried_and_two_are_reported(started):
@@ -236,9 +230,9 @@ def test_one_bus_error_is_retried_and_two_are_reported(started):
             raise OSError(errno.EIO, "injected")
 
     clock.bus.before = before
-    assert imu.read(bytearray(32), 0) == IMU_OK
+    assert imu.read() == IMU_OK
     failures[0] = 2
-    assert imu.read(bytearray(32), 0) == IMU_BUS_ERROR and imu.counters["bus_errors"] == 1
+    assert imu.read() == IMU_BUS_ERROR and imu.counters["bus_errors"] == 1
 
 
 def test_a_timed_out_bus_is_not_tried_again(started):
@@ -250,7 +244,7 @@ def test_a_timed_out_bus_is_not_tried_again(started):
         raise OSError(errno.ETIMEDOUT, "injected")
 
     clock.bus.before = before
-    assert imu.read(bytearray(32), 0) == IMU_BUS_ERROR | IMU_BUS_TIMEOUT and len(calls) == 1
+    assert imu.read() == IMU_BUS_ERROR | IMU_BUS_TIMEOUT and len(calls) == 1
 
 
 def test_latched_line_gives_edges_again_after_a_timeout(tmp_path):

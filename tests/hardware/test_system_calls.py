@@ -10,23 +10,13 @@ import pytest
 
 MOST = 12
 TICKS = 150
-# A loop that balances on a stubbed bus (the driver's own ioctl, refused at once), real files for encoders and PWM, the real poll, and the real line
-# driver on a socket that holds one event for each tick. The two accesses frame the ticks that are counted.
+# A loop that balances on the driver's own ioctl, which does nothing, with real files for encoders and PWM, and a pipe that holds an event for each tick.
+# The two accesses frame the ticks that are counted.
 PROGRAM = f"""
-import os, socket, sys
-from mip_rt.hardware.gpio import EVENT_V2, InputEvents
+import os
 from mip_rt.lab import costs
 
-loop, bench = costs.stubbed_loop()
-line = loop.devices.imu_line
-theirs, mine = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-theirs.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
-mine.setblocking(False)
-line.fd, line._sequence = mine.fileno(), 0
-line.read = InputEvents.read.__get__(line)
-start = bench.kernel._now_ns
-for i in range({TICKS} + 20):
-    theirs.send(EVENT_V2.pack(start + 5_000_000 * (i + 1), 2, 21, i + 1, i + 1))
+loop, bench = costs.stubbed_loop("mbbr", {TICKS} + 20)
 for _ in range(20):
     loop.tick()
 before = loop.ticks

@@ -109,13 +109,12 @@ def test_stick_and_button_become_velocity_and_spin():
     port.data = frame(0.0, 1.0, BUTTONS["circle"]) * 2
     remote.receive(1_000)
     remote.update(1_000)
-    assert remote.velocity_x_m_s == pytest.approx(0.25) and remote.velocity_y_m_s == pytest.approx(0.0)
-    assert remote.yaw_rate_rad_s == pytest.approx(2 * math.pi)
+    assert remote.command == pytest.approx((0.25, 0.0, 2 * math.pi))
     port.data = frame(-1.0, 0.0, BUTTONS["circle"] | BUTTONS["cross"])
     remote.receive(2_000)
     remote.update(2_000)
-    assert remote.velocity_y_m_s == pytest.approx(0.25)  # stick to the left
-    assert remote.yaw_rate_rad_s == 0.0  # two buttons mean no spin
+    assert remote.command[1] == pytest.approx(0.25)  # stick to the left
+    assert remote.command[2] == 0.0  # two buttons mean no spin
 
 
 def test_dead_man_ramps_to_zero_by_the_age_of_the_last_valid_frame():
@@ -127,7 +126,7 @@ def test_dead_man_ramps_to_zero_by_the_age_of_the_last_valid_frame():
         port.data = b"\x55"  # the link is open and noisy, but nothing valid comes
         remote.receive(ms * 1_000_000)
         remote.update(ms * 1_000_000)
-        samples.append((ms, remote.velocity_x_m_s))
+        samples.append((ms, remote.command[0]))
     assert [v for ms, v in samples if ms <= 300] == pytest.approx([0.25] * 61)
     falling = [v for ms, v in samples if ms > 300]
     assert falling == sorted(falling, reverse=True)

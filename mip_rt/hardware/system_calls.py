@@ -1,0 +1,104 @@
+"""System calls from compiled code: the C library's functions by name, so that the compiled code can be kept on disk.
+
+In Python a system call costs thousands of ARM instructions besides the kernel's own (arguments, buffers, results, each an object); here it costs
+some fifty. As in the kernel's own interface, a result below zero is minus the errno. None of them lets other Python threads run; mip-rt has none.
+"""
+
+import numpy as np
+
+from mip_rt.compiled import JIT_DISABLED, njit, numba, records_at
+
+POLLIN = 0x1
+EINTR = 4
+POLLED = np.dtype([("fd", "i4"), ("events", "i2"), ("revents", "i2")])  # struct pollfd
+
+if JIT_DISABLED:
+    import ctypes
+
+    _LIBRARY = ctypes.CDLL(None, use_errno=True)
+
+    def _result(name, *arguments):
+        function = getattr(_LIBRARY, name)
+        function.restype = ctypes.c_ssize_t
+        found = function(*arguments)
+        return found if found >= 0 else -ctypes.get_errno()
+
+    def pread(fd, address, length):
+        """See below."""
+        return _result("pread", int(fd), ctypes.c_void_p(int(address)), ctypes.c_size_t(int(length)), ctypes.c_long(0))
+
+    def pwrite(fd, address, length):
+        """See below."""
+        return _result("pwrite", int(fd), ctypes.c_void_p(int(address)), ctypes.c_size_t(int(length)), ctypes.c_long(0))
+
+    def read(fd, address, length):
+        """See below."""
+        return _result("read", int(fd), ctypes.c_void_p(int(address)), ctypes.c_size_t(int(length)))
+
+    def ioctl(fd, request, address):
+        """See below."""
+        return ctypes.c_int(_result("ioctl", int(fd), ctypes.c_ulong(int(request)), ctypes.c_void_p(int(address)))).value
+
+    def _poll(address, count, timeout_ms):
+        return ctypes.c_int(_result("poll", ctypes.c_void_p(int(address)), ctypes.c_ulong(count), int(timeout_ms))).value
+
+else:
+    _C = numba.types.ExternalFunction
+    _C_PREAD = _C("pread", numba.intp(numba.int32, numba.uintp, numba.uintp, numba.intp))
+    _C_PWRITE = _C("pwrite", numba.intp(numba.int32, numba.uintp, numba.uintp, numba.intp))
+    _C_READ = _C("read", numba.intp(numba.int32, numba.uintp, numba.uintp))
+    _C_IOCTL = _C("ioctl", numba.int32(numba.int32, numba.uintp, numba.uintp))
+    _C_POLL = _C("poll", numba.int32(numba.uintp, numba.uintp, numba.int32))
+    _C_ERRNO = _C("__errno_location", numba.uintp())
+
+    @njit
+    def _result(found):
+        return found if found >= 0 else -numba.intp(records_at(_C_ERRNO(), 1, np.int32)[0])
+
+    @njit
+    def pread(fd, address, length):
+        """Bytes read from offset 0 to an address."""
+        return _result(_C_PREAD(np.int32(fd), np.uintp(address), np.uintp(length), np.intp(0)))
+
+    @njit
+    def pwrite(fd, address, length):
+        """Bytes written to offset 0."""
+        return _result(_C_PWRITE(np.int32(fd), np.uintp(address), np.uintp(length), np.intp(0)))
+
+    @njit
+    def read(fd, address, length):
+        """Bytes read to an address."""
+        return _result(_C_READ(np.int32(fd), np.uintp(address), np.uintp(length)))
+
+    @njit
+    def ioctl(fd, request, address):
+        """0 or more; the argument is the address of its structure."""
+        return _result(numba.intp(_C_IOCTL(np.int32(fd), np.uintp(request), np.uintp(address))))
+
+    @njit
+    def _poll(address, count, timeout_ms):
+        return _result(numba.intp(_C_POLL(np.uintp(address), np.uintp(count), np.int32(timeout_ms))))
+
+
+@njit([numba.boolean(numba.uint64, numba.int64, numba.float64)])
+def wait_readable(polled_at, fd, timeout_s):
+    """True as soon as fd can be read (or its other end is gone), False after the timeout. A signal does not end the wait.
+
+    Args:
+        polled_at: address of one POLLED, for the call's own use.
+    """
+    polled = records_at(polled_at, 1, POLLED)[0]
+    polled.fd = fd
+    polled.events = POLLIN
+    ready = -EINTR
+    while ready == -EINTR:
+        ready = _poll(polled_at, 1, int(timeout_s * 1000.0))
+    return ready > 0
+
+
+@njit([numba.int64(numba.int64, numba.uint64, numba.uint64)])
+def transfer(fd, request, address):
+    """0, or the errno: an ioctl on a structure that is already in memory."""
+    found = ioctl(fd, request, address)
+    return np.int64(0) if found >= 0 else np.int64(-found)
+
