@@ -96,6 +96,7 @@ def encoder_garbage(injector, fault):
     file, text = wiring.count_file(fault.p.wheel - 1), TEXTS[fault.p.text]
 
     def show(call, counts):
+        wiring.forget_shown()  # an empty file has no page to write to until it is made longer
         call(counts)
         fault.hits += 1
         file.put(text)

@@ -113,7 +113,7 @@ def speed(quick: bool, robot: str = "mbbr") -> dict:
     ekf_s = min(_seconds(costs.steps, 20 * count, robot) for _ in range(runs)) / (20 * count)
     costs.attitude_steps(1000)
     attitude_s = min(_seconds(costs.attitude_steps, 20 * count) for _ in range(runs)) / (20 * count)
-    tick_s = min(costs.ticks(count, robot) for _ in range(runs)) / count
+    tick_s = min(costs.ticks(count, robot, count) for _ in range(runs)) / count
     dry_run({"estimator.shadows": "[]"}, "hold", 1, 1.0, robot)  # what a process does once
     loop_s = min(dry_run({"estimator.shadows": "[]"}, "hold", 1, duration_s, robot)["loop_s"] for _ in range(runs))
     return {

@@ -30,6 +30,7 @@ from mip_rt.hardware.kernel import Kernel
 from mip_rt.supervisor import State
 
 CHANGES = 8  # different pulses
+MOST = 2400  # recorded ticks: the same for a short and a long run, so that they do not count
 FIOCLEX = 0x5451  # an ioctl without effect here
 
 
@@ -107,7 +108,7 @@ def _fill(line, start_ns: int, count: int) -> None:
     line.state["room"] = EVENT_V2.size
 
 
-def stubbed_loop(robot: str = "mbbr", count: int = 200):
+def stubbed_loop(robot: str = "mbbr", count: int = MOST):
     """(loop, bench): a loop in BALANCING whose boundary plays back what it gave in a dry run, for `count` ticks; it was then set back to the beginning."""
     bench = fake_bench.build(shipped(robot), scenarios.load("hold"), 1, False)
     session = runner.Session(shipped(robot), bench, tempfile.mkdtemp(), bench.remote.device, 1, "costs")
@@ -150,9 +151,9 @@ def stubbed_loop(robot: str = "mbbr", count: int = 200):
     return loop, bench
 
 
-def ticks(count: int, robot: str = "mbbr") -> float:
-    """Runs `count` stubbed ticks; returns the seconds they took."""
-    loop, bench = stubbed_loop(robot, count)
+def ticks(count: int, robot: str = "mbbr", recorded: int = MOST) -> float:
+    """Runs `count` stubbed ticks, of so many recorded ones; returns the seconds they took."""
+    loop, bench = stubbed_loop(robot, recorded)
     begin = time.perf_counter()
     for _ in range(count):
         loop.tick()
@@ -168,7 +169,7 @@ PARTS = ("wait", "encoders", "imu", "inputs", "step", "supervisor", "log", "slac
 
 def parts(name: str, count: int) -> float:
     """Runs one of PARTS `count` times, as a tick calls it; returns the seconds it took."""
-    loop, bench = stubbed_loop(count=count + 1)
+    loop, bench = stubbed_loop()
     loop.tick()
     devices, ring, supervisor, at = loop.devices, loop.ring, loop.supervisor, loop.robot.layout.offset
     index = (loop.ticks - 1) % ring.capacity

@@ -49,6 +49,17 @@ def test_each_fault_keeps_its_promise(name, attitude, tmp_path):
         assert kind.promise == ANY
 
 
+@pytest.mark.parametrize("text", ["word", "empty", "huge", "negative", "binary"])
+def test_a_count_that_is_no_number_is_an_error_and_the_file_recovers(tmp_path, text):
+    """An empty file has no memory behind its mapping: the fake once died of writing the next count there."""
+    with DryRun(tmp_path, scenario=script((BEGIN_S, "encoder_garbage", {"wheel": 2, "text": text, "for_s": 0.05}))) as dry:
+        encoder, counters = dry.session.devices.encoders[1], dry.session.devices.counters
+        dry.until(lambda: dry.bench.injector.journal, 6.0)
+        dry.run(0.2)
+        assert (encoder.errors > 0) == (text != "negative") and not encoder.failing
+        assert int(counters["raw"][0, 1]) == int(dry.bench.world.counts[1]) % (1 << 32)
+
+
 def test_every_fault_is_implemented_and_its_draws_are_valid():
     source = random.Random(5)
     for name, kind in FAULTS.items():
