@@ -18,7 +18,10 @@ from pathlib import Path
 
 PACKAGE = Path(__file__).parent
 # Every file in these may be compiled, or holds constants and record types that compiled code freezes.
-SOURCES = ("compiled.py", "frame.py", "guard.py", "guard_client.py", "inputs.py", "hardware", "remote", "models", "estimators", "controllers", "robots", "fake")
+SOURCES = (
+    "compiled.py", "frame.py", "guard_words.py", "inputs.py", "log/commit.py", "remote/dead_man.py", "models", "estimators", "controllers", "robots",
+    "fake", *(f"hardware/{name}.py" for name in ("system_calls", "compiled_io", "packet_check", "line_events", "imu_status")),
+)  # fmt: skip
 
 
 def source_files() -> list[Path]:
@@ -153,7 +156,23 @@ if JIT_DISABLED:
         """See below."""
         return numpy.frombuffer((ctypes.c_char * (count * numpy.dtype(dtype).itemsize)).from_address(address), dtype).view(numpy.recarray)
 
+    def barrier():
+        """See below."""
+
 else:
+
+    @intrinsic
+    def _barrier(typing_context):
+        def generate(context, builder, signature, arguments):
+            builder.fence("seq_cst")
+            return context.get_dummy_value()
+
+        return numba.types.void(), generate
+
+    @njit()
+    def barrier():
+        """What was stored before is visible to other processes before what is stored afterwards."""
+        _barrier()
 
     @intrinsic
     def _pointer(typing_context, address):

@@ -47,6 +47,9 @@ for _name, _bit in LIMITS.items():
     globals()[f"LIMIT_{_name.upper()}"] = _bit
 LOOP_LIMITS = LIMITS["remote_lost"]  # bits that the loop adds after the step; all others are the step's
 
+# What a step returns: imu_status, limits and alarms in one number, from these bits on; below is room for the supervisor's own conditions.
+STATUS_AT, LIMITS_AT, ALARMS_AT = 8, 20, 44
+
 # frame.alarms: what the detectors of the step (robots.health) have found; each is a fault of the same name while balancing.
 ALARM_SENTENCES = {
     "imu_unreliable": "more than 3 of 10 IMU packets were unusable over the last half second",
@@ -157,7 +160,6 @@ class Layout:
         dtype: their aligned record type.
         offset: byte offset by name.
         pulses: struct.Struct of applied_ns.
-        found: of limits and alarms.
         results: of fault, step_ns, write_ns, at offset["fault"].
     """
 
@@ -171,4 +173,4 @@ class Layout:
         self.step_outputs = tuple(f.name for f in written if f.name != "imu_packet")
         self.dtype = np.dtype([(f.name, f.dtype, f.shape) if f.shape else (f.name, f.dtype) for f in self.fields], align=True)
         self.offset = {name: self.dtype.fields[name][1] for name in self.dtype.names}
-        self.pulses, self.found, self.results = struct.Struct(f"<{wheels}q"), struct.Struct("<2q"), struct.Struct("<3q")
+        self.pulses, self.results = struct.Struct(f"<{wheels}q"), struct.Struct("<3q")

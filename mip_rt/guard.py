@@ -21,24 +21,10 @@ import time
 
 from mip_rt import realtime
 from mip_rt.errors import MipRtError
+from mip_rt.guard_words import BEAT, DROPPED, GUARD_BEAT, REQUEST, WORDS_BYTES, age, stamp
 from mip_rt.hardware.gpio import OutputLines
 
-BEAT, REQUEST, GUARD_BEAT, DROPPED = range(4)  # loop, loop, guard, guard
-WORDS_BYTES = 16
 LOOK_S = 0.020  # the guard looks, and beats itself, at least so often
-MASK, HALF = 0xFFFFFFFF, 0x80000000
-OK, LINE_DROPPED, LOST = range(3)  # what the loop learns of the guard
-
-
-def stamp(now_ns: int) -> int:
-    """A time as it stands in the shared words."""
-    return now_ns >> 10 & MASK
-
-
-def age(now: int, then: int) -> int:
-    """Units of 1.024 us from one stamp to another; negative where `then` is later. Right within 36 minutes."""
-    difference = now - then & MASK
-    return difference - (MASK + 1) if difference & HALF else difference
 
 
 class Guard:

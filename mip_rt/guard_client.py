@@ -14,33 +14,10 @@ from pathlib import Path
 
 import mip_rt
 from mip_rt.errors import GpioError, MipRtError
-from mip_rt.guard import BEAT, DROPPED, GUARD_BEAT, HALF, LINE_DROPPED, LOST, MASK, OK, REQUEST, WORDS_BYTES
-
-# What the loop's side remembers, four 64-bit numbers: address of the shared words, largest age of the guard's own beat in the words' units,
-# newest request, status.
-WORDS_AT, TIMEOUT, NEWEST, STATUS = range(4)
+from mip_rt.guard_words import HALF, LOST, NEWEST, OK, REQUEST, STATUS, TIMEOUT, WORDS_BYTES, beat
 
 PRIORITY_ABOVE_LOOP = 5  # 45 with the shipped 40: above the loop, still below the interrupt threads at 50
 START_LIMIT_S = 15.0
-
-
-def beat(words, memory, now_ns):
-    """The loop has come so far at this time; returns the status. Also compiled, as part of `inputs.gather`.
-
-    Args:
-        words: four unsigned 32-bit words, shared with the guard.
-        memory: four 64-bit numbers, see WORDS_AT.
-    """
-    now = now_ns >> 10 & MASK
-    words[BEAT] = now
-    if memory[STATUS] != LOST:
-        if memory[TIMEOUT] < (now - int(words[GUARD_BEAT]) & MASK) < HALF:
-            memory[STATUS] = LOST
-        elif words[DROPPED] == memory[NEWEST]:
-            memory[STATUS] = LINE_DROPPED
-        else:
-            memory[STATUS] = OK
-    return memory[STATUS]
 
 
 class GuardClient:
@@ -51,7 +28,7 @@ class GuardClient:
         timeout_s: a guard whose own beat is older is lost.
 
     Attributes:
-        memory: see WORDS_AT.
+        memory: see guard_words.WORDS_AT.
         warnings: what the guard's process asked for and did not get, with cures.
     """
 
@@ -68,7 +45,7 @@ class GuardClient:
 
     @property
     def status(self) -> int:
-        """guard.OK, LINE_DROPPED or LOST, as of the last beat; LOST is for ever."""
+        """guard_words.OK, LINE_DROPPED or LOST, as of the last beat; LOST is for ever."""
         return self.memory[STATUS]
 
     def set(self, on: bool) -> None:

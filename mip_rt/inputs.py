@@ -8,20 +8,19 @@ from functools import partial
 
 import numpy as np
 
-from mip_rt import guard_client
-from mip_rt.compiled import direct, njit, numba, record_array, records_at
-from mip_rt.guard import WORDS_BYTES
-from mip_rt.hardware import compiled_io, input_events
+from mip_rt import guard_words
+from mip_rt.compiled import JIT_DISABLED, direct, njit, numba, record_array, records_at
+from mip_rt.hardware import compiled_io, line_events
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.remote import dead_man
 
-GUARD = 0b11  # bits of the answer: guard.OK, LINE_DROPPED or LOST
+GUARD = 0b11  # bits of the answer: guard_words.OK, LINE_DROPPED or LOST
 REMOTE_LOST = 0b100
 
 PACKET = 4  # numbers of 64 bits
 ADDRESSES = np.dtype([(name, "u8") for name in ("line", "counters", "packet", "remote", "gyro_bias", "guard")], align=True)
 
-_beat = njit(guard_client.beat)
+_beat = njit(guard_words.beat)
 
 
 @njit
@@ -38,7 +37,7 @@ def gather(addresses, rows, index, tick, wake_ns, read_ns, state, request, refus
     """
     a = addresses[0]
     row = rows[index]
-    line = records_at(a.line, 1, input_events.STATE)[0]
+    line = records_at(a.line, 1, line_events.STATE)[0]
     row.tick = tick
     row.edge_ns = line.timestamp_ns
     row.wake_ns = wake_ns
@@ -68,18 +67,18 @@ def gather(addresses, rows, index, tick, wake_ns, read_ns, state, request, refus
     for i in range(3):
         row.gyro_bias_rad_s[i] = bias[i]
     memory = records_at(a.guard, 4, np.int64)
-    found = _beat(records_at(memory[guard_client.WORDS_AT], WORDS_BYTES // 4, np.uint32), memory, read_ns)
+    found = _beat(records_at(memory[guard_words.WORDS_AT], guard_words.WORDS_BYTES // 4, np.uint32), memory, read_ns)
     return found if remote.alive else found | REMOTE_LOST
 
 
 def gatherer(devices, robot):
     """`gather` bound to these devices and this robot's rows: a callable(index, tick, ..., drive_scale)."""
-    addresses = np.zeros(1, ADDRESSES)
-    addresses[0] = (
-        devices.imu_line.state.ctypes.data, devices.counters.ctypes.data, devices.imu.packet.ctypes.data, devices.remote.state.ctypes.data,
-        robot.gyro_bias_rad_s.ctypes.data, devices.guard.memory.buffer_info()[0],
-    )  # fmt: skip
-    return partial(_gather_for(robot.layout.dtype), addresses, robot.rows)
+    owners = devices.imu_line.state, devices.counters, devices.imu.packet, devices.remote.state, robot.gyro_bias_rad_s
+    addresses = np.zeros(1, ADDRESSES).view(np.recarray) if JIT_DISABLED else np.zeros(1, ADDRESSES)  # plain Python needs fields as attributes
+    addresses[0] = (*(owner.ctypes.data for owner in owners), devices.guard.memory.buffer_info()[0])
+    bound = partial(_gather_for(robot.layout.dtype), addresses, robot.rows)
+    bound.owners = *owners, devices.guard  # whose memory must live as long as this
+    return bound
 
 
 def _gather_for(frame_dtype):

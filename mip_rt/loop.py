@@ -45,7 +45,7 @@ class Loop:
         self.silence_s, self.engage_tilt_rad = silence_s, engage_tilt_rad
         self.ticks = self.timeouts = 0
         layout = robot.layout
-        self._found, self._results, self._at = layout.found, layout.results, layout.offset
+        self._results, self._at = layout.results, layout.offset
         self._pulses, self._no_pulses = layout.pulses, (0,) * layout.wheels
         self._read_counters, self._gather = partial(direct(read_counters), devices.counters), gatherer(devices, robot)
         self._persistent = robot.persistence.parts
@@ -80,15 +80,13 @@ class Loop:
             devices.battery_v, supervisor.drive_scale,
         )  # fmt: skip
 
-        self.robot.step(index)
+        conditions = self.robot.step(index)
         step_ns = kernel.monotonic_ns()
 
-        limits, alarms = self._found.unpack_from(buffer, base + at["limits"])
-        upright = supervisor.state is ARMING and not status & IMU_NO_DATA and self._is_upright(base)
         if found & REMOTE_LOST:
-            limits |= frame.LIMIT_REMOTE_LOST
-            _LIMITS.pack_into(buffer, base + at["limits"], limits)
-        if not supervisor.apply(tick, status, limits, alarms, upright, index, found & GUARD):
+            self._note(base, frame.LIMIT_REMOTE_LOST)
+        upright = supervisor.state is ARMING and not status & IMU_NO_DATA and self._is_upright(base)
+        if not supervisor.apply(tick, conditions, upright, index, found & GUARD):
             self._pulses.pack_into(buffer, base + at["applied_ns"], *self._no_pulses)
         write_ns = kernel.monotonic_ns()
 
@@ -103,6 +101,11 @@ class Loop:
     def _is_upright(self, base: int) -> bool:
         roll, pitch = _LEAN.unpack_from(self.ring.buffer, base + self._at["attitude_rad"])
         return abs(roll) < self.engage_tilt_rad and abs(pitch) < self.engage_tilt_rad
+
+    def _note(self, base: int, limit: int) -> None:
+        """Adds a bit to the row's limits, after the step."""
+        place = base + self._at["limits"]
+        _LIMITS.pack_into(self.ring.buffer, place, _LIMITS.unpack_from(self.ring.buffer, place)[0] | limit)
 
     def _slack(self, now_ns: int) -> None:
         """Work that may wait until the motors are written: remote bytes, button, battery."""

@@ -5,9 +5,11 @@ Only where it finds nothing may the robot arm.
 
 from mip_rt import frame
 from mip_rt.faults import FAULTS
-from mip_rt.guard import LINE_DROPPED, LOST, OK
-from mip_rt.hardware.imu_status import IMU_OK
+from mip_rt.guard_words import LINE_DROPPED, LOST, OK
 from mip_rt.supervisor import CONDITION_SENTENCES, TRANSITIONS, Condition, State, Supervisor
+
+OWN = (1 << frame.STATUS_AT) - 1  # conditions that the supervisor finds itself
+IMU = (1 << frame.LIMITS_AT) - 1 & ~OWN  # those that come from the IMU's status
 
 
 class _Motors:
@@ -62,16 +64,8 @@ def _balancing(limits, dt_s: float):
     supervisor = Supervisor(_Motors(), limits, dt_s, 0.0)
     supervisor._enter(State.BALANCING, FAULTS["none"], 0)
     for tick in range(2):
-        supervisor.apply(tick, IMU_OK, 0, 0, True, 0)
+        supervisor.apply(tick, Condition.IMU_GOOD, True, 0)
     return supervisor
-
-
-def _inputs(conditions: int):
-    """imu_status, limits, alarms that make these conditions true."""
-    from mip_rt.supervisor import _ALARMS, _LIMITS, _STATUS
-
-    status = conditions >> _STATUS & (1 << _LIMITS - _STATUS) - 1
-    return status, conditions >> _LIMITS & (1 << _ALARMS - _LIMITS) - 1, conditions >> _ALARMS
 
 
 def check_reactions(limits, dt_s: float, transitions=TRANSITIONS):
@@ -83,14 +77,14 @@ def check_reactions(limits, dt_s: float, transitions=TRANSITIONS):
         if not supervisor._motors.on:
             yield "the motors do not go on while balancing"
             return
-        status, limit, alarm = _inputs(row.conditions)
-        if row.conditions & (Condition.MOTOR_ERROR | Condition.IMU_BAD) == 0 and not status:
-            status = IMU_OK
+        found = row.conditions & ~OWN
+        if row.conditions & (Condition.MOTOR_ERROR | Condition.IMU_BAD) == 0 and not found & IMU:
+            found |= Condition.IMU_GOOD
         guard = LOST if row.conditions & Condition.GUARD_LOST else LINE_DROPPED if row.conditions & Condition.GUARD_DROPPED else OK
         for tick in range(Supervisor.ticks(row.hold, limits, dt_s)):
             if row.conditions & Condition.MOTOR_ERROR:
                 supervisor._motor_error = True
-            supervisor.apply(tick, status, limit, alarm, True, 0, guard)
+            supervisor.apply(tick, found, True, 0, guard)
         if supervisor._motors.on or supervisor.state is not State.FAULT:
             yield f"{row.fault} does not switch the motors off: {CONDITION_SENTENCES.get(row.conditions, hex(row.conditions))}"
     supervisor = _balancing(limits, dt_s)
@@ -100,7 +94,7 @@ def check_reactions(limits, dt_s: float, transitions=TRANSITIONS):
     for state in State:
         supervisor = Supervisor(_Motors(), limits, dt_s, 0.0)
         supervisor.state = state
-        if state is not State.BALANCING and (supervisor.apply(0, IMU_OK, 0, 0, True, 0) or supervisor._motors.on):
+        if state is not State.BALANCING and (supervisor.apply(0, Condition.IMU_GOOD, True, 0) or supervisor._motors.on):
             yield f"motors are on in {state.name}"
 
 

@@ -11,9 +11,8 @@ from typing import NamedTuple
 
 from mip_rt import frame
 from mip_rt.faults import FAULTS, Fault
-from mip_rt.guard import LOST, OK
+from mip_rt.guard_words import LOST, OK
 from mip_rt.hardware import imu_status as imu
-from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.prearm import BLOCKING
 
 
@@ -39,10 +38,11 @@ STATE_SENTENCES = {
     State.FAULT: "motors off, waiting for the button to acknowledge",
 }
 
+_ENGAGED = frame.REQUEST_ENGAGED
 _REQUESTS_KEPT = ~frame.REQUEST_HEADING_RESET  # this one is for one tick
 
-# Conditions are the bits of one number: the supervisor's own, then the frame's imu_status, limits and alarms as they are.
-_STATUS, _LIMITS, _ALARMS = 8, 20, 44
+# Conditions are the bits of one number: the supervisor's own, then the frame's imu_status, limits and alarms as a step returns them.
+_STATUS, _LIMITS, _ALARMS = frame.STATUS_AT, frame.LIMITS_AT, frame.ALARMS_AT
 
 
 def _limit(name: str) -> int:
@@ -214,22 +214,19 @@ class Supervisor:
         if self.state not in (State.BOOT, State.FAULT):
             self._enter(State.FAULT, FAULTS["imu_silent"], tick)
 
-    def apply(self, tick: int, imu_status: int, limits: int, alarms: int, upright: bool, index: int, guard: int = OK) -> bool:
+    def apply(self, tick: int, conditions: int, upright: bool, index: int, guard: int = OK) -> bool:
         """Evaluates the table for this tick and writes the motors accordingly.
 
         Args:
-            imu_status: bits IMU_* of the tick.
-            limits: frame.limits of the tick.
-            alarms: frame.alarms of the tick.
+            conditions: what the tick's step has returned: see frame.STATUS_AT.
             upright: lean within limits.engage_tilt_rad; looked at only while arming.
             index: row of the frame whose pulses are meant.
-            guard: what the guard answers to this tick's heartbeat: guard.OK, LINE_DROPPED or LOST.
+            guard: what the guard answers to this tick's heartbeat: guard_words.OK, LINE_DROPPED or LOST.
 
         Returns:
             True where the pulses were let through to the motors.
         """
-        conditions = imu_status << _STATUS | limits << _LIMITS | alarms << _ALARMS
-        if not imu_status & IMU_OK:
+        if not conditions & C.IMU_GOOD:
             conditions |= C.IMU_BAD
         if upright:
             conditions |= C.UPRIGHT
@@ -252,8 +249,8 @@ class Supervisor:
             self._walk(conditions, tick)
         if self.state is not _BALANCING:
             return False
-        if not self.request & frame.REQUEST_ENGAGED:  # the step has not run engaged yet: enable, start at zero
-            self.request |= frame.REQUEST_ENGAGED
+        if not self.request & _ENGAGED:  # the step has not run engaged yet: enable, start at zero
+            self.request |= _ENGAGED
             self._motor_error = not self._motors.enable()
             return False
         self._motor_error = not self._motors.write(index)

@@ -13,7 +13,7 @@ from helpers import make_config
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mip_rt import guard, guard_client, realtime
+from mip_rt import guard, guard_client, guard_words, realtime
 from mip_rt.errors import GpioError
 from mip_rt.fake.gpio import FakeGpio
 from mip_rt.fake.machine import Machine
@@ -26,7 +26,7 @@ LINE = (GPIO[0], 20)
 
 
 def words():
-    return memoryview(bytearray(guard.WORDS_BYTES)).cast("I")
+    return memoryview(bytearray(guard_words.WORDS_BYTES)).cast("I")
 
 
 class Pair:
@@ -59,7 +59,7 @@ def test_line_is_high_only_while_asked_and_beating(start_us, actions):
         elif action in ("ask", "release"):
             if asked != (action == "ask"):
                 asked, dropped = action == "ask", False
-            pair.client.memory[guard_client.STATUS] = guard.OK  # it lives
+            pair.client.memory[guard_words.STATUS] = guard_words.OK  # it lives
             pair.client.set(asked)
         level = pair.step(wait_ms)
         fresh = beat_ns is not None and pair.now_ns - beat_ns < TIMEOUT_S * 1e9
@@ -74,7 +74,7 @@ def test_line_is_high_only_while_asked_and_beating(start_us, actions):
 @given(st.integers(0, 2**40), st.integers(-(2**30), 2**30))
 def test_age_survives_the_wrap_of_its_clock(then, difference):
     """Prevents a drop (or none) each 73 minutes, when the 32-bit stamp starts again."""
-    assert guard.age((then + difference) & guard.MASK, then & guard.MASK) == difference
+    assert guard_words.age((then + difference) & guard_words.MASK, then & guard_words.MASK) == difference
 
 
 def test_guard_wakes_when_the_heartbeat_would_be_too_old():
@@ -93,23 +93,23 @@ def test_a_heartbeat_that_returns_does_not_raise_the_line():
     pair.client.set(True)
     pair.client.beat(pair.now_ns)
     assert pair.step(1) == 1 and pair.step(70) == 0
-    assert pair.client.beat(pair.now_ns) == guard.LINE_DROPPED
+    assert pair.client.beat(pair.now_ns) == guard_words.LINE_DROPPED
     assert pair.step(1) == 0
     pair.client.set(True)  # not anew
     assert pair.step(1) == 0
     pair.client.set(False)
     pair.client.set(True)
-    assert pair.client.beat(pair.now_ns) == guard.OK and pair.step(1) == 1
+    assert pair.client.beat(pair.now_ns) == guard_words.OK and pair.step(1) == 1
 
 
 def test_a_silent_guard_is_lost_for_good():
     """Prevents arming without a guard; and a guard that hangs with the line high must be ended."""
     pair, ended = Pair(), []
     pair.client._kill = lambda: ended.append(True)
-    assert pair.client.beat(pair.now_ns + 59 * MS) == guard.OK
-    assert pair.client.beat(pair.now_ns + 61 * MS) == guard.LOST and ended == [True]
+    assert pair.client.beat(pair.now_ns + 59 * MS) == guard_words.OK
+    assert pair.client.beat(pair.now_ns + 61 * MS) == guard_words.LOST and ended == [True]
     pair.step(61)
-    assert pair.client.beat(pair.now_ns) == guard.LOST and ended == [True]
+    assert pair.client.beat(pair.now_ns) == guard_words.LOST and ended == [True]
     with pytest.raises(OSError, match="gone"):
         pair.client.set(True)
     pair.client.set(False)
@@ -207,7 +207,7 @@ def test_stopped_loop_drops_the_line_until_it_asks_anew(running):
         running.process.send_signal(signal.SIGSTOP)
         assert TIMEOUT_S - 0.02 <= running.until(0) <= BOUND_S
         running.process.send_signal(signal.SIGCONT)
-        assert running.process.stdout.readline().split()[:2] == ["status", str(guard.LINE_DROPPED)]
+        assert running.process.stdout.readline().split()[:2] == ["status", str(guard_words.LINE_DROPPED)]
         time.sleep(0.05)
         assert running.gpio.line_value(*LINE) == 0
         assert running.process.stdout.readline() == "again\n"
@@ -227,7 +227,7 @@ def test_killed_guard_drops_the_line_and_the_loop_notices(running):
     os.kill(running.guard, signal.SIGKILL)
     assert running.until(0) <= BOUND_S
     word, status, when = running.process.stdout.readline().split()
-    assert (word, status) == ("status", str(guard.LOST)) and (int(when) - begin) * 1e-9 <= BOUND_S
+    assert (word, status) == ("status", str(guard_words.LOST)) and (int(when) - begin) * 1e-9 <= BOUND_S
 
 
 def test_stopped_guard_is_ended_and_the_line_falls(running):

@@ -4,8 +4,9 @@ A process that lives in real time cannot watch a loop on a virtual clock. There,
 simulated world, once a sample, and drives the same line through the same driver; so a run stays deterministic.
 """
 
-from mip_rt.guard import WORDS_BYTES, Guard
+from mip_rt.guard import Guard
 from mip_rt.guard_client import GuardClient
+from mip_rt.guard_words import WORDS_BYTES
 from mip_rt.hardware.gpio import OutputLines
 
 

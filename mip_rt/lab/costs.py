@@ -27,7 +27,7 @@ from mip_rt.hardware import compiled_io, system_calls
 from mip_rt.hardware.gpio import EVENT_V2
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.hardware.kernel import Kernel
-from mip_rt.supervisor import State
+from mip_rt.supervisor import Condition, State
 
 CHANGES = 8  # different pulses
 MOST = 2400  # recorded ticks: the same for a short and a long run, so that they do not count
@@ -178,7 +178,7 @@ def parts(name: str, count: int) -> float:
 
     def supervise():
         ring.buffer[at["duty_ns"] : at["duty_ns"] + 24] = next(changing)
-        supervisor.apply(0, IMU_OK, 0, 0, True, 0)
+        supervisor.apply(0, Condition.IMU_GOOD, True, 0)
 
     def record():
         ring.begin(index)

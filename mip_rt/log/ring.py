@@ -10,16 +10,17 @@ import mmap
 import os
 import struct
 import zlib
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from mip_rt.compiled import direct
 from mip_rt.errors import LogError
-from mip_rt.log import ring_format
+from mip_rt.log import commit, ring_format
 from mip_rt.log.description import header  # noqa: F401  (whoever makes a ring needs it)
 from mip_rt.log.ring_format import SEAL, STATE_MARK, Counter, Status
 
-SEQUENCE = struct.Struct("<q")
 STATE_EVERY = 200  # rows from one kept state to the next
 
 
@@ -35,6 +36,8 @@ class Ring:
         state_rows: how many of those it holds; enough for all rows by default.
 
     Attributes:
+        begin: begin(index) marks a row as being written.
+        commit: commit(index, tick) makes it visible to readers.
         rows: (n,) records of the layout, mapped.
         buffer: the rows' bytes, for `struct.pack_into`.
         row_bytes: bytes of a row.
@@ -68,22 +71,15 @@ class Ring:
         rows_end = geometry.rows_at + rows * dtype.itemsize
         self.buffer = memoryview(self._map)[geometry.rows_at : rows_end]
         self.rows = np.frombuffer(self._map, dtype, rows, geometry.rows_at)
-        self._counter_at = geometry.counters_at
         self._counter = np.frombuffer(self._map, "<i8", len(Counter), geometry.counters_at)
         self._status = np.frombuffer(self._map, "<i8", len(Status), geometry.status_at)
         self._counter[Counter.WRITER] = os.getpid()
         self.rows["sequence"] = 0  # touches every page, so that none is missing in a tick
         self._map[geometry.states_at : geometry.rows_at] = bytes(geometry.rows_at - geometry.states_at)
         self._states = 0
-
-    def begin(self, index: int) -> None:
-        """Marks a row as being written."""
-        SEQUENCE.pack_into(self.buffer, index * self.row_bytes, 0)
-
-    def commit(self, index: int, tick: int) -> None:
-        """Makes a row visible to readers."""
-        SEQUENCE.pack_into(self.buffer, index * self.row_bytes, tick + 1)
-        SEQUENCE.pack_into(self._map, self._counter_at, tick + 1)
+        rows_at = self.rows.ctypes.data
+        self.begin = partial(direct(commit.begin), rows_at, dtype.itemsize)
+        self.commit = partial(direct(commit.commit), rows_at, dtype.itemsize, self._counter.ctypes.data)
 
     def keep_state(self, tick: int, parts) -> None:
         """Keeps the state as it is after tick `tick` was stepped, over the oldest one. Copies, and allocates nothing that stays.

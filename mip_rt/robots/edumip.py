@@ -306,7 +306,7 @@ def _finite(row):
     return abs(total) < math.inf
 
 
-SIGNATURE = numba.void(
+SIGNATURE = numba.int64(
     record_array(PARAMETERS),
     record_array(STATE),
     record_array(ESTIMATOR_PARAMETERS),
@@ -327,6 +327,9 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
         estimator_states: (n,) ESTIMATOR_STATE.
         ring: (rows,) edumip_frame.FRAME.
         index: row of this tick.
+
+    Returns:
+        imu_status, limits and alarms of the row in one number: see frame.STATUS_AT.
     """
     p = parameters[0]
     s = state[0]
@@ -386,3 +389,4 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
         s.applied[i] = applied
     row.limits = limits
     row.alarms = alarms
+    return row.imu_status << frame.STATUS_AT | limits << frame.LIMITS_AT | alarms << frame.ALARMS_AT

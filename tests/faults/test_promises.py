@@ -197,13 +197,12 @@ class FakeMotors(SimpleNamespace):
 
 @pytest.mark.parametrize("state", [state for state in State if state is not State.BALANCING])
 def test_no_duty_leaves_the_supervisor_outside_balancing(state):
-    from mip_rt.hardware.imu_status import IMU_OK
-    from mip_rt.supervisor import Supervisor
+    from mip_rt.supervisor import Condition, Supervisor
 
     motors = FakeMotors()
     supervisor = Supervisor(motors, make_config().limits, 0.005, 0.3)
     supervisor.state = state
     supervisor.refusals = CHECKS["battery_low"].bit
     for tick in range(3):
-        assert supervisor.apply(tick, IMU_OK, 0, 0, True, 0) is False
+        assert supervisor.apply(tick, Condition.IMU_GOOD, True, 0) is False
     assert motors.written == [] and not motors.enabled

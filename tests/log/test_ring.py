@@ -186,16 +186,6 @@ def test_unwritable_folder_is_a_refusal():
         Ring(Path("/proc/nowhere/a.ring"), FRAME, 4, {})
 
 
-def test_input_block_matches_the_record():
-    """The loop packs the inputs in one stroke; order, types and offsets must be those of the record."""
-    kinds = [field.dtype for field in LAYOUT.input_fields[:-1] for _ in range(int(np.prod(field.shape)))]
-    values = [number + 1 if kind == "<i8" else number + 0.5 for number, kind in enumerate(kinds)]
-    rows = np.zeros(1, FRAME)
-    LAYOUT.inputs.pack_into(rows.view(np.uint8), LAYOUT.offset["tick"], *values)
-    flat = np.concatenate([np.atleast_1d(rows[0][f.name]) for f in LAYOUT.input_fields[:-1]])
-    assert list(flat) == values and LAYOUT.input_fields[-1].name == "encoder_count"
-
-
 def test_every_field_has_unit_and_meaning():
     for field in LAYOUT.fields:
         assert field.unit and field.meaning, field.name
