@@ -154,7 +154,7 @@ if JIT_DISABLED:
 
     def records_at(address, count, dtype):
         """See below."""
-        return numpy.frombuffer((ctypes.c_char * (count * numpy.dtype(dtype).itemsize)).from_address(address), dtype).view(numpy.recarray)
+        return numpy.frombuffer((ctypes.c_char * (int(count) * numpy.dtype(dtype).itemsize)).from_address(int(address)), dtype).view(numpy.recarray)
 
     def barrier():
         """See below."""

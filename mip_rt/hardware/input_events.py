@@ -23,7 +23,7 @@ class InputEvents:
         os.set_blocking(self.fd, False)
         self.state = np.zeros(1, STATE)
         size = (EVENT_V2 if version == 2 else EVENT_V1).size
-        self.state["fd"], self.state["size"], self.state["room"] = self.fd, size, size * BUFFERED
+        self.state["fd"], self.state["event_bytes"], self.state["room"] = self.fd, size, size * BUFFERED
         self._take = partial(direct(take), self.state.ctypes.data)
 
     @property

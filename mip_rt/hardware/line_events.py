@@ -18,7 +18,7 @@ _WORDS = _LONGEST // 4
 STATE = np.dtype(
     [
         ("fd", "i8"),
-        ("size", "i8"),  # bytes of an event: which version of the interface
+        ("event_bytes", "i8"),  # bytes of an event: which version of the interface
         ("room", "i8"),  # bytes that one read may bring
         ("timestamp_ns", "i8"),  # of the newest event
         ("edge", "i8"),  # its kind
@@ -40,13 +40,13 @@ def take(state_at):
     """
     s = records_at(state_at, 1, STATE)[0]
     found = system_calls.read(s.fd, s.events.ctypes.data, s.room)
-    if found < s.size:
+    if found < s.event_bytes:
         return np.int64(0 if found >= 0 or found == _NOTHING else found)
-    count = found // s.size
-    at = (count - 1) * (s.size // 4)
+    count = found // s.event_bytes
+    at = (count - 1) * (s.event_bytes // 4)
     s.timestamp_ns = np.int64(s.events[at]) | np.int64(s.events[at + 1]) << 32
     s.edge = s.events[at + 2]
-    if s.size == _LONGEST:
+    if s.event_bytes == _LONGEST:
         sequence = np.int64(s.events[at + 4])
         dropped = (sequence - s.sequence - count) & 0xFFFFFFFF
         s.sequence = sequence
