@@ -156,7 +156,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("--runs", metavar="N", type=int, default=1000, help="bring-up: how many")
     parser.add_argument("--data", metavar="FOLDER", help="broad: folder of the recordings")
     parser.add_argument("--hours", metavar="N", type=float, default=1.0, help="alarms: simulated hours of driving")
-    parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr", help="whose costs `steps` measures")
+    parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr", help="whose costs `steps`, whose errors `estimators` measures")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--quick", action="store_true", help="fewer seeds, ticks or runs")
     batch.add_arguments(parser)
@@ -165,7 +165,12 @@ def add_arguments(parser) -> None:
 def run(arguments) -> int:
     """Exit code 1 where a robustness draw fell, a log lost more than it may, the enable line fell too late, ordinary driving raised an alarm, or
     the onboard attitude is worse than the DMP's or VQF's may be."""
-    if arguments.what == "estimators":
+    if arguments.what == "estimators" and arguments.robot == "edumip":
+        from mip_rt.lab import mip_estimators
+
+        table = mip_estimators.run(arguments.quick, lambda jobs: batch.results(mip_estimators.work, jobs, "runs", arguments.cluster, arguments.workers))
+        print(json.dumps(table) if arguments.json else mip_estimators.render(table))
+    elif arguments.what == "estimators":
         table = estimators(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(table)) if arguments.json else print_estimators(table)
     elif arguments.what == "robustness":

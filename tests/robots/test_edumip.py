@@ -9,6 +9,7 @@ from helpers import DryRun, make_config
 from mip_rt import frame
 from mip_rt.config import scenario as scenarios
 from mip_rt.log import open as open_log
+from mip_rt.robots import edumip_setup
 from mip_rt.supervisor import State
 
 KEYS = {
@@ -29,13 +30,32 @@ def stands(report):
 
 
 def test_every_estimator_runs_in_shadow_and_the_summary_keeps_its_keys(tmp_path):
-    report = dry_run(tmp_path, estimator__shadows="[ekf, ekf_printed, planar_kf, complementary, complementary_kf, dmp]")
+    report = dry_run(tmp_path, estimator__shadows="[ekf, ekf_printed, planar_kf, complementary, complementary_kf, dmp, inertial_ekf]")
     assert KEYS <= set(report) and report["robot"] == "edumip" and stands(report)
     assert report["position_error_max_m"] < 0.02 and report["rate_hz"] == 200.0
     assert report["estimators"]["dmp_ekf"]["tilt_rms_error_rad"] < 0.006
     log = open_log(report["log"])
     assert log.damage == [] and "track_m" in log.config and log.frames["encoder_count"].shape[1] == 2
     assert log.header["estimate_names"][1] == "phi_rad"
+
+
+@pytest.mark.parametrize("estimator", edumip_setup.ESTIMATORS)
+def test_every_estimator_can_control(tmp_path, estimator):
+    assert stands(dry_run(tmp_path, duration_s=8.0, estimator__control=estimator))
+
+
+@pytest.mark.parametrize("changes", [
+    {},
+    {"dry_run__imu_misalignment_rad": "[0.0, 0.0175, 0.0175]"},
+    {"dry_run__imu_position_error_m": "[0.002, 0.003, -0.002]"},
+    {"realtime__rate_hz": "100"},
+    {"dry_run__wheel_inertia_reading": "rotor", "dry_run__extra_delay_ticks": "1", "dry_run__friction": "1.5"},
+])  # fmt: skip
+def test_inertial_ekf_controls_while_turning_fast(tmp_path, changes):
+    """A crooked IMU, one that is not where it is believed, late commands: half the error of a DMP (3 mrad) in spite of each."""
+    report = dry_run(tmp_path, "spin-10-rad-s", duration_s=20.0, estimator__control="inertial_ekf", **changes)
+    assert stands(report) and report["yaw_rate_mean_rad_s"] > 5.0
+    assert report["tilt_rms_error_rad"] < 1.5e-3
 
 
 @pytest.mark.parametrize("rate_hz", [100, 200])
@@ -67,11 +87,12 @@ def test_fifteen_radians_a_second(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", ["hold", "spin-5-rad-s", "spin-10-rad-s"])
-def test_ten_seeds_of_a_minute(tmp_path, scenario):
+@pytest.mark.parametrize("estimator", ["dmp_ekf", "inertial_ekf"])
+@pytest.mark.parametrize("scenario", ["hold", "spin-5-rad-s", "spin-10-rad-s", "spin-15-rad-s"])
+def test_ten_seeds_of_a_minute(tmp_path, scenario, estimator):
     """Acceptance: never falls with full noise and IMU offset; the place is held within 2 cm."""
     for seed in range(1, 11):
-        report = dry_run(tmp_path, scenario, seed, 60.0)
+        report = dry_run(tmp_path, scenario, seed, 60.0, estimator__control=estimator)
         assert stands(report), seed
         assert scenario != "hold" or report["position_error_max_m"] < 0.02, seed
 
@@ -138,11 +159,10 @@ def test_heading_reset_holds_the_present_heading(tmp_path):
         assert abs(dry.row["error"][2]) < 0.02
 
 
-def test_no_sensor_word_brings_a_non_finite_duty(tmp_path):
+@pytest.mark.parametrize("estimator", edumip_setup.ESTIMATORS)
+def test_no_sensor_word_brings_a_non_finite_duty(estimator):
     """Random packets, counts and batteries through the compiled step, engaged: every duty stays within one."""
-    from mip_rt.robots import edumip_setup
-
-    robot = edumip_setup.build(make_config("edumip"))
+    robot = edumip_setup.build(make_config("edumip", estimator__control=estimator, estimator__shadows="[]"))
     rng = np.random.default_rng(3)
     rows = np.zeros(3000, robot.layout.dtype)
     rows["request"], rows["drive_scale"], rows["imu_status"] = frame.REQUEST_ENGAGED, 1.0, rng.integers(0, 2, 3000)
