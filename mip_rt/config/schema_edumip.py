@@ -150,7 +150,7 @@ EDUMIP = {
         "planar_measurement_noise": numbers((1e-5, 3.07e-6, 3.04e-3), "Variances of wheel angle, gyro, accelerometer (T 3.34).", 3, low=1e-15, high=1e6),
         "corner_rad_s": N(4.0, "Complementary filter: gyro above, accelerometer below.", unit="rad/s", low=0.01, high=100),
         "complementary_kf_noise": numbers((1e-8, 1e-10, 1e-4), "Variances a 5 ms step of lean and bias, and of the measured lean (T 3.38).", 3, low=0, high=1e6),
-        "pendulum_process_noise": numbers((0.0, 1e-6, 1.0), "Variance a 5 ms step of the pendulum EKF's lean, rate, acceleration (Aoyagi and Choi; the last ours).",
+        "pendulum_process_noise": numbers((0.0, 1e-6, 1.0), "Variance a 5 ms step of the pendulum EKF's lean, rate, acceleration (Aoyagi, Choi; last ours).",
                                           3, low=0, high=1e6),
         "pendulum_measurement_noise": numbers((2e-6, 1e-3, 1e-3), "Variances of gyro and accelerometer y, z (Aoyagi and Choi).", 3, low=1e-15, high=1e6),
         "two_state_process_noise": numbers((1e-6, 1e-2), "Variance a 5 ms step of the 2-state EKF's lean and rate (ours).", 2, low=0, high=1e6),

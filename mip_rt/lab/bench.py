@@ -203,9 +203,7 @@ def run(arguments) -> int:
     elif arguments.what == "broad":
         from mip_rt.lab import broad
 
-        found = broad.run(arguments.data or broad.FOLDER, progress)
-        print(json.dumps(found) if arguments.json else broad.render(found))
-        return int(not broad.passed(found))
+        return broad.report(arguments.data, arguments.json, progress)
     elif arguments.what.startswith("log"):
         from mip_rt.lab import log_costs, log_damage
 
