@@ -82,6 +82,7 @@ CONTROL = {
     },
     "filter_set": replace(PAPER_NAME, default="dissertation", doc="Filters of the successive loops in use."),
     "filters": Named(FILTERS, "D1 and D2 of the successive loops by name.", entry=_FILTER),
+    "spin_gain": F(True, "Successive loops: D1 grows with the yaw rate as the centrifugal force on the leaning body does; false: as in the papers."),
     "pid": {
         "lean": N(3.0, "Command a rad of lean.", low=-1000, high=1000),
         "lean_rate": N(0.2, "Command a rad/s.", low=-1000, high=1000),

@@ -245,7 +245,7 @@ def _control(p, s, row):
     for i in range(mip_feedback.GAINS):
         row.gains[i] = 0.0
     if p.controller == SUCCESSIVE_LOOP:
-        forward, lean = successive_loop.step(p.loops, s.loops, error[1], estimate[0])
+        forward, lean = successive_loop.step(p.loops, s.loops, error[1], estimate[0], ref.yaw_rate_rad_s)
         row.command_feedback[0] = forward
         row.command_feedback[1] = mip_feedback.yaw_command(p.feedback, error)
         row.reference_lean_rad = lean

@@ -175,6 +175,8 @@ def _configure_control(p, config, model, dt_s) -> None:
     successive_loop.configure_filter(
         p.loops.outer, s.outer_numerator, s.outer_denominator, s.outer_gain, c.lean_limit_rad, s.made_hz, rate_hz
     )
+    lean = mip_yaw.coefficients(model).tilt[0]
+    p.loops.spin_s2_rad2 = lean[2] / lean[0] if c.spin_gain else 0.0
     p.pid.dt_s = dt_s
     for name in ("lean", "lean_rate", "place", "speed", "integral", "yaw", "yaw_rate"):
         p.pid[name] = getattr(c.pid, name)

@@ -66,6 +66,13 @@ def test_every_controller_balances_at_both_rates(tmp_path, controller, rate_hz):
     assert report["missed"] == 0 and report["yaw_rate_mean_rad_s"] > 5.0
 
 
+@pytest.mark.parametrize("controller", ["lqr", "successive_loop", "pid"])
+def test_every_controller_holds_the_other_reading_of_the_wheel_inertia(tmp_path, controller):
+    """At the highest rate, where it matters: with the paper's constant gain the successive loops fall within 10 s."""
+    changes = {"control__controller": controller, "dry_run__wheel_inertia_reading": "rotor"}
+    assert stands(dry_run(tmp_path, "spin-15-rad-s", duration_s=16.0, **changes))
+
+
 @pytest.mark.parametrize("changes", [
     {"dry_run__wheel_inertia_reading": "rotor"},
     {"dry_run__wheel_inertia_reading": "rotor", "realtime__rate_hz": "100"},

@@ -49,6 +49,7 @@ SETTINGS = {
     "estimator.lever_arm": "false",
     "estimator.noise_set": "paper",
     "control.controller": "successive_loop",
+    "control.spin_gain": "false",
 }
 EXPLAINED = {
     "IMU 16 mm behind the yaw axis": "imu.position_m, calibrated in the errata from the complementary filter at 5 and 10 rad/s (16.6, 15.7 mm)",
