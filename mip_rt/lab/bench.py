@@ -144,9 +144,10 @@ def start_s(robot: str = "mbbr") -> float:
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "attitude", "broad", "board", "bring-up"),
-                        help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; cost of the log in the "
-                        "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang; "
+    parser.add_argument("what", choices=("steps", "choices", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "attitude", "broad",
+                                         "board", "bring-up"),
+                        help="cost of EKF, tick and dry run; of every estimator and controller; estimator errors by yaw rate; unknown model "
+                        "errors; cost of the log in the loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang; "
                         "false alarms in ordinary driving; tilt error with the DMP and without; onboard attitude on recordings with motion capture; "
                         "every stage of a tick on this board, motors off; starts of the IMU with a fault")  # fmt: skip
     parser.add_argument("--dry-run", action="store_true", help="board: on the fake board")
@@ -156,7 +157,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("--runs", metavar="N", type=int, default=1000, help="bring-up: how many")
     parser.add_argument("--data", metavar="FOLDER", help="broad: folder of the recordings")
     parser.add_argument("--hours", metavar="N", type=float, default=1.0, help="alarms: simulated hours of driving")
-    parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr", help="whose costs `steps`, whose errors `estimators` measures")
+    parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr", help="whose costs `steps` and `choices`, whose errors `estimators` measures")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--quick", action="store_true", help="fewer seeds, ticks or runs")
     batch.add_arguments(parser)
@@ -200,6 +201,11 @@ def run(arguments) -> int:
         found = attitude_sources.run(dry_run, arguments.quick, progress)
         print(json.dumps(found) if arguments.json else attitude_sources.render(found))
         return int(not attitude_sources.passed(found))
+    elif arguments.what == "choices":
+        from mip_rt.lab import choices
+
+        found = choices.run(arguments.robot, arguments.quick, progress)
+        print(json.dumps(found) if arguments.json else choices.render(found))
     elif arguments.what == "broad":
         from mip_rt.lab import broad
 
