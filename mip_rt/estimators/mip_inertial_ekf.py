@@ -32,7 +32,7 @@ STATES = 7
 MEASUREMENTS = 2
 PHI_VALID, GYRO_VALID, ACCELEROMETER_VALID = 1, 2, 4
 ALL_VALID = PHI_VALID | GYRO_VALID | ACCELEROMETER_VALID
-RATE, PUSH, ROLL = STATES, STATES + 1, STATES + 2  # in x, behind the states: lean', V' and W' of the newest sample
+RATE, PUSH, ROLL, TURN = range(STATES, STATES + 4)  # in x, behind the states: lean', V', W' and w_z of the newest sample
 
 GYRO_NOISE = 2e-4  # rad/s/sqrt(Hz)
 GYRO_RATE_NOISE = 5e-4  # ... for each rad/s of yaw: timing, scale and axes
@@ -43,6 +43,10 @@ SLIP = 3e-3  # rad/sqrt(s), of the wheels
 SHARE_WALK, PLACE_WALK = 1e-4, 1e-4  # 1/sqrt(s), m/sqrt(s)
 ANGLE_NOISE = 4e-3  # rad, backlash and counts
 SIDE_NOISE = 0.02  # rad/s of the gyro's y axis: axes 2 % off while the lean changes by 1 rad/s, an uneven floor
+# What no robot of this kind can do is a spike: such a sample counts as missing, the gyro's at most PATIENCE times in a row.
+LARGEST_SPIN_UP, LARGEST_TURN_UP = 800.0, 400.0  # rad/s^2 of lean and yaw
+LARGEST_PUSH, LARGEST_UP = 30.0, 40.0  # m/s^2 along the ground, and across it with gravity
+GATE_SIGMA, PATIENCE, GYRO = 20.0, 4, MEASUREMENTS  # GYRO: where the filter's state counts refused gyro samples
 INITIAL = (0.02, 0.01, 0.02, 0.003, 0.003, 0.02, 0.005)  # standard deviations after a reset; biases as a calibration in the hand leaves them
 LARGEST = (1.0, 10.0, 5.0, 0.035, 0.035, 0.1, 0.05)
 
@@ -54,6 +58,8 @@ PARAMETERS = np.dtype(
         ("lead", "f8"),  # gyro delay in steps
         ("rate_noise", "f8"),  # variance of the lean a step for each (rad/s)^2 of yaw
         ("blind", "f8"),  # variance of the speed a step without an accelerometer
+        ("rate_step", "f8"),  # largest change of lean rate and of yaw rate in a step
+        ("turn_step", "f8"),
     ],
     align=True,
 )
@@ -74,9 +80,10 @@ def configure(p, dt_s: float, lever_m, wheel_radius_m: float, gyro_delay_s: floa
     n.Q[:STATES] = np.square([GYRO_NOISE, SLIP, ACCELEROMETER_NOISE, GYRO_WALK, GYRO_WALK, SHARE_WALK, PLACE_WALK]) * dt_s
     n.R[:MEASUREMENTS] = ANGLE_NOISE**2, SIDE_NOISE**2
     n.P0[:STATES], n.P_limit[:STATES] = np.square(INITIAL), np.square(LARGEST)
-    n.gate_squared = np.inf
+    n.gate_squared = GATE_SIGMA**2
     p.lever_m[:], p.wheel_radius_m, p.lead = lever_m, wheel_radius_m, gyro_delay_s / dt_s
     p.rate_noise, p.blind = GYRO_RATE_NOISE**2 * dt_s, (BLIND_NOISE * dt_s) ** 2
+    p.rate_step, p.turn_step = LARGEST_SPIN_UP * dt_s, LARGEST_TURN_UP * dt_s
 
 
 def init(p, x0, P0):
@@ -89,14 +96,15 @@ def init(p, x0, P0):
 
 
 @njit
-def reset(p, state, lean, phi, rate):
-    """Fresh covariance; lean, wheel angle and lean rate as measured, wheels at rest."""
+def reset(p, state, lean, phi, rate, turn):
+    """Fresh covariance; lean, wheel angle, lean rate and gyro z as measured, wheels at rest."""
     ekf.reset(state, p.noise, STATES)
     x = state.x
     x[0] = lean
     x[1] = phi + lean
     x[2] = rate * (p.lever_m[1] * math.sin(lean) + p.lever_m[2] * math.cos(lean))
     x[RATE] = rate
+    x[TURN] = turn
 
 
 @njit
@@ -104,8 +112,11 @@ def step(p, state, u, y, valid):
     """One cycle.
 
     Args:
+        p: record of PARAMETERS.
+        state: record of ekf.STATE.
         u: (4,) gyro x, gyro z, accelerometer y, accelerometer z (papers' sign), body axes.
         y: (2,) phi, gyro y.
+        valid: PHI_VALID, GYRO_VALID, ACCELEROMETER_VALID where they are fresh; without a gyro the last rates hold.
     """
     state.status = 0
     flags = 0
@@ -118,11 +129,23 @@ def step(p, state, u, y, valid):
     if valid & ACCELEROMETER_VALID and not abs(u[2] + u[3]) < math.inf:
         valid &= ~ACCELEROMETER_VALID
         flags |= ekf.NOT_FINITE
-    turn = 0.0
+    turn = x[TURN]
     rate = x[RATE]
     if valid & GYRO_VALID:
-        turn = u[1]
-        rate = u[0] - x[3] - x[5] * turn
+        newest = u[0] - x[3] - x[5] * u[1]
+        if abs(newest - rate) > p.rate_step or abs(u[1] - turn) > p.turn_step:
+            flags |= ekf.REJECTED
+            state.rejected[GYRO] += 1
+            state.refused_in_a_row[GYRO] += 1
+        else:
+            state.refused_in_a_row[GYRO] = 0
+        if flags & ekf.REJECTED and state.refused_in_a_row[GYRO] <= PATIENCE:
+            valid &= ~GYRO_VALID  # nor its y axis
+        else:
+            turn = u[1]
+            rate = newest
+            state.refused_in_a_row[GYRO] = 0
+    x[TURN] = turn
     middle = 0.5 * (x[RATE] + rate) + p.lead * (rate - x[RATE])
     x[RATE] = rate
     x[0] += dt * middle
@@ -139,6 +162,11 @@ def step(p, state, u, y, valid):
     if valid & ACCELEROMETER_VALID:
         push = u[2] * cosine - u[3] * sine - square * py
         up = square * (pz - 2.0 * tangent * py) - u[2] * sine - u[3] * cosine
+        if not (abs(push) < LARGEST_PUSH and abs(up) < LARGEST_UP):
+            push = 0.0
+            up = 0.0
+            valid &= ~ACCELEROMETER_VALID
+            flags |= ekf.REJECTED
     before = x[2]
     x[2] += 0.5 * dt * (x[PUSH] + push)
     x[PUSH] = push

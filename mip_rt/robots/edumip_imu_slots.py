@@ -23,7 +23,7 @@ STATE = np.dtype([("u", "f8", (4,)), ("y", "f8", (3,))], align=True)  # inputs a
 def reset(kind, p, s, row):
     """Starts at the row's attitude, rate and wheels."""
     if kind == KIND_INERTIAL:
-        mip_inertial_ekf.reset(p.inertial, s, row.attitude_rad[0], row.phi_rad, row.gyro_rad_s[0])
+        mip_inertial_ekf.reset(p.inertial, s, row.attitude_rad[0], row.phi_rad, row.gyro_rad_s[0], row.gyro_rad_s[2])
     elif kind == KIND_PENDULUM:
         pendulum_ekf.reset(p.pendulum, s, row.attitude_rad[0], row.gyro_rad_s[0])
     else:

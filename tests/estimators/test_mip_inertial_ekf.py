@@ -21,7 +21,7 @@ def made(lever=LEVER, **changes):
     p = np.zeros(1, inertial.PARAMETERS).view(np.recarray)[0]
     inertial.configure(p, DT, lever, R, **changes)
     state = inertial.init(p, np.zeros(7), np.asarray(p.noise.P0)[:7])
-    inertial.reset(p, state, 0.0, 0.0, 0.0)
+    inertial.reset(p, state, 0.0, 0.0, 0.0, 0.0)
     return p, state
 
 
@@ -41,7 +41,7 @@ def motion(count, yaw_rate=10.0, lever=PLACE):
 def follow(p, state, x, gyro, force, valid=inertial.ALL_VALID):
     """(n, 10) state vectors of a run through these samples, started in motion; `valid` may differ by tick."""
     u = np.stack([gyro[:, 0], gyro[:, 2], force[:, 1], force[:, 2]], axis=1)
-    inertial.reset(p, state, x[0, 0], x[0, 1], x[0, 3])
+    inertial.reset(p, state, x[0, 0], x[0, 1], x[0, 3], x[0, 5])
     state.x[2] += R * (x[0, 3] + x[0, 4])
     state.x[inertial.PUSH] = rates(np.array(state.x[:7]), u[0])[2]
     seen = np.zeros((len(x), 10))
@@ -69,6 +69,8 @@ def differentiated(f, x):
 def test_covariance_and_gain_are_those_of_a_textbook_filter():
     """Joseph form with differentiated equations, each step from the filter's own state: an error in one Jacobian entry shows."""
     p, state = made()
+    p.noise.gate_squared = np.inf
+    state.x[inertial.TURN] = 8.0
     rng = np.random.default_rng(1)
     P = np.diag(np.asarray(p.noise.P0)[:7])
     for k in range(200):
@@ -147,6 +149,30 @@ def test_without_a_gyro_the_last_rate_holds():
     lean, rate = state.x[0], state.x[inertial.RATE]
     inertial.step(p, state, np.array([9.0, 9.0, 0.0, -9.8]), np.array([0.0, 9.0]), 0)
     assert state.x[0] == pytest.approx(lean + DT * rate) and state.status == 0
+
+
+@pytest.mark.parametrize("place, size", [(0, 15.0), (0, -15.0), (1, 3.0), (1, -15.0), (2, 80.0), (3, -80.0)])
+def test_spikes_are_no_motion(place, size):
+    """One sample in ten, in bursts of up to three: taken for a motion, each of 15 rad/s would turn the lean by 75 mrad."""
+    x, gyro, force = motion(2000, 5.0)
+    column = (gyro[:, 0], gyro[:, 2], force[:, 1], force[:, 2])[place]
+    rng = np.random.default_rng(5)
+    for begin in rng.choice(np.arange(500, 1990), 75, replace=False):
+        column[begin : begin + rng.integers(1, 4)] += size
+    p, state = made()
+    seen = follow(p, state, x, gyro, force)
+    assert np.abs(seen[:, 0] - x[:, 0]).max() < 5e-3
+    assert place > 1 or state.rejected[inertial.GYRO] >= 75
+
+
+def test_a_gyro_that_stays_where_it_jumped_to_is_believed():
+    """A blow is no spike: after PATIENCE samples the filter must follow it."""
+    p, state = made()
+    for tick in range(inertial.PATIENCE + 1):
+        inertial.step(p, state, np.array([6.0, 0.0, 0.0, -9.8]), np.zeros(2), inertial.ALL_VALID & ~inertial.PHI_VALID)
+        assert state.status & ekf.REJECTED and (state.x[inertial.RATE] == 6.0) == (tick == inertial.PATIENCE)
+    inertial.step(p, state, np.array([6.0, 0.0, 0.0, -9.8]), np.zeros(2), inertial.ALL_VALID & ~inertial.PHI_VALID)
+    assert not state.status & ekf.REJECTED
 
 
 def test_inputs_that_are_not_finite_count_as_missing():

@@ -58,6 +58,22 @@ def test_inertial_ekf_controls_while_turning_fast(tmp_path, changes):
     assert report["tilt_rms_error_rad"] < 1.5e-3
 
 
+def test_inertial_ekf_holds_through_spikes_and_a_jumping_attitude(tmp_path):
+    """Its inputs are raw samples: a spike taken for a motion would throw the robot over; the DMP's attitude it reads only at the start."""
+    events = [
+        scenarios.Event(2.0, press="arm"),
+        scenarios.Event(3.0, yaw_rate_hz=5.0 / (2.0 * math.pi)),
+        scenarios.Event(5.0, fault="gyro_spike", parameters={"axis": "z", "size_rad_s": 15.0}),
+        scenarios.Event(7.0, fault="gyro_spike", parameters={"axis": "x", "size_rad_s": -15.0}),
+        scenarios.Event(9.0, fault="accel_spike", parameters={"axis": "z", "size_m_s2": 80.0}),
+        scenarios.Event(11.0, fault="attitude_jump", parameters={"for_s": 0.5}),
+    ]
+    config = make_config("edumip", estimator__control="inertial_ekf", estimator__shadows="[]")
+    with DryRun(tmp_path, config, scenarios.Scenario("spikes", "", 14.0, events)) as dry:
+        report = dry.run(14.0)
+    assert stands(report) and report["tilt_rms_error_rad"] < 1e-3 and report["tilt_max_rad"] < 0.06
+
+
 @pytest.mark.parametrize("rate_hz", [100, 200])
 @pytest.mark.parametrize("controller", ["lqr", "successive_loop", "pid"])
 def test_every_controller_balances_at_both_rates(tmp_path, controller, rate_hz):
