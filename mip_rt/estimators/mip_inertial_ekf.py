@@ -12,7 +12,7 @@ the lean. The wheels tell leaning from accelerating. A robot on two wheels has n
 the lean directly: at 10 rad/s a rate of 1.75 mrad/s is a lean of 0.18 mrad; that is what makes the IMU's own place observable. Samples of the inputs
 are at the end of their interval: the mean of the last two stands for it.
 
-All numbers are per second, so that one set holds at any sample rate; optima are flat. Errors beside those of the other estimators: `mip-rt bench
+All noise is a density, so that one set holds at any sample rate; optima are flat. Errors beside those of the other estimators: `mip-rt bench
 estimators --robot edumip`. Tried on the same motion, on other seeds, and removed: the dynamic EKF (`mip_ekf`) with a gyro bias as a state, with
 a disturbance on the command as well, with the gyro's y axis and the IMU's place (each two to ten times the error of this filter, more where
 friction or inertia are not the model's); this filter without the gyro's y axis or without share and place (as good while the IMU sits as

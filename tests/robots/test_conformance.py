@@ -15,7 +15,6 @@ from mip_rt.compiled import JIT_DISABLED
 from mip_rt.estimators import ekf
 from mip_rt.hardware.imu_status import IMU_BUS_ERROR
 
-pytestmark = pytest.mark.armhf
 PERIOD_NS = 5_000_000
 ARRAYS = 5  # that a step is given: parameters and states of robot and estimators, and the ring
 CASES = [(name, "estimator", estimator) for name in robots.NAMES for estimator in robots.setup(name).ESTIMATORS]
@@ -74,6 +73,7 @@ def leans(rows):
     return float(np.abs(rows["estimates"][:, 0, :axes]).max())
 
 
+@pytest.mark.armhf
 def test_stands_as_the_robot_does(robot):
     rows = robot[1]
     flags = run(robot, 0, 2 * len(rows))
@@ -81,6 +81,7 @@ def test_stands_as_the_robot_does(robot):
     assert np.abs(rows["duty"]).max() > 0.0
 
 
+@pytest.mark.armhf
 def test_a_missing_packet_or_a_jumping_count_is_no_harm(robot):
     """One tick without the IMU, then eight; then an encoder's count that a wheel cannot have made."""
     rows = robot[1]
@@ -94,6 +95,7 @@ def test_a_missing_packet_or_a_jumping_count_is_no_harm(robot):
     assert leans(rows[300:]) < leans(whole) + 0.05
 
 
+@pytest.mark.armhf
 def test_a_number_that_is_not_finite_stays_out(robot):
     """Through what is a float on its way in: the gyro's bias, and the battery."""
     rows = robot[1]
