@@ -139,6 +139,7 @@ def _print_list(known, as_json: bool) -> None:
     print(
         f"{sum(1 for e in listed if e.experiment)} of {len(listed)} tables and figures, by {len(known)} experiments; run one with: mip-rt reproduce NAME"
     )
+    print("Beside the papers: mip-rt reproduce broad --data FOLDER, the onboard attitude on recordings of the BROAD benchmark")
 
 
 def _print_result(name, experiment, found, brief: bool) -> None:
