@@ -202,9 +202,12 @@ def spin(seed: int, quick: bool, progress) -> Result:
     ]
     result.notes = [
         "Fig. 6.14 prints no numbers that could be read from the text; the claims are those of section 6.4.4.",
-        "The printed digits lack the rotation of the ball's velocity and have 410 for 502, which matters the more the faster the robot turns: "
-        "with them the EKF is worse than the KF. With both corrected the paper's sentence holds, so its EKF had other digits.",
     ]
+    if result.claims[3].holds and not result.claims[2].holds:
+        result.notes.append(
+            "The printed digits lack the rotation of the ball's velocity and have 410 for 502, which matters the more the faster the robot turns: "
+            "with them the EKF is worse than the KF. With both corrected the paper's sentence holds, so its EKF had other digits."
+        )
     result.figures = [
         Figure("dissertation-fig-6.14", "Fig. 6.14: RMS estimation errors by yaw rate", lambda f: _draw_rms(f, errors), (10, 4.5))
     ] + [
