@@ -11,7 +11,8 @@ from mip_rt.config.schema import DRY_RUN as MBBR_DRY_RUN
 from mip_rt.config.schema import MBBR, PAPER_NAME
 
 N, I, F = Number, Integer, Flag
-ESTIMATORS = ("ekf", "ekf_printed", "planar_kf", "complementary", "complementary_kf", "dmp", "dmp_ekf")
+ESTIMATORS = ("ekf", "ekf_printed", "planar_kf", "complementary", "complementary_kf", "dmp", "dmp_ekf", "inertial_ekf", "pendulum_ekf",
+              "two_state_ekf")  # fmt: skip
 _D = {
     "inner_numerator": (-4.945, 8.862, -3.967),
     "inner_denominator": (1.0, -1.481, 0.4812),
@@ -81,6 +82,7 @@ CONTROL = {
     },
     "filter_set": replace(PAPER_NAME, default="dissertation", doc="Filters of the successive loops in use."),
     "filters": Named(FILTERS, "D1 and D2 of the successive loops by name.", entry=_FILTER),
+    "spin_gain": F(True, "Successive loops: D1 grows with the yaw rate as the centrifugal force on the leaning body does; false: as in the papers."),
     "pid": {
         "lean": N(3.0, "Command a rad of lean.", low=-1000, high=1000),
         "lean_rate": N(0.2, "Command a rad/s.", low=-1000, high=1000),
@@ -149,6 +151,12 @@ EDUMIP = {
         "planar_measurement_noise": numbers((1e-5, 3.07e-6, 3.04e-3), "Variances of wheel angle, gyro, accelerometer (T 3.34).", 3, low=1e-15, high=1e6),
         "corner_rad_s": N(4.0, "Complementary filter: gyro above, accelerometer below.", unit="rad/s", low=0.01, high=100),
         "complementary_kf_noise": numbers((1e-8, 1e-10, 1e-4), "Variances a 5 ms step of lean and bias, and of the measured lean (T 3.38).", 3, low=0, high=1e6),
+        "pendulum_process_noise": numbers((0.0, 1e-6, 1.0), "Variance a 5 ms step of the pendulum EKF's lean, rate, acceleration (Aoyagi, Choi; last ours).",
+                                          3, low=0, high=1e6),
+        "pendulum_measurement_noise": numbers((2e-6, 1e-3, 1e-3), "Variances of gyro and accelerometer y, z (Aoyagi and Choi).", 3, low=1e-15, high=1e6),
+        "two_state_process_noise": numbers((1e-6, 1e-2), "Variance a 5 ms step of the 2-state EKF's lean and rate (ours).", 2, low=0, high=1e6),
+        "two_state_measurement_noise": numbers((2.5e-3, 2.5e-3, 4e-4), "Variances of the direction of gravity, sine and cosine, and of the gyro (ours).",
+                                               3, low=1e-15, high=1e6),
         **{key: MBBR["estimator"][key] for key in ("initial_covariance", "covariance_limit")},
         "gate_sigma": N(100.0, "An innovation beyond so many standard deviations is refused; narrow gates mistake a late command for a sick sensor.",
                         low=1, high=1e6),

@@ -38,7 +38,7 @@ PATIENCE = 40
 
 STATE = np.dtype(
     [
-        ("x", "f8", (ROW,)),  # state estimate; entries beyond the filter's n stay zero
+        ("x", "f8", (ROW,)),  # state estimate; entries beyond the n of the covariance stay zero, or are the filter's own memory
         ("P", "f8", (ROW, ROW)),  # its covariance
         ("innovation", "f8", (MEASUREMENTS,)),  # y - h(x) before the update; zero where a measurement was missing
         ("innovation_variance", "f8", (MEASUREMENTS,)),

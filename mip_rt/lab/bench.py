@@ -144,9 +144,10 @@ def start_s(robot: str = "mbbr") -> float:
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "attitude", "broad", "board", "bring-up"),
-                        help="cost of EKF, tick and dry run; estimator errors by yaw rate; unknown model errors; cost of the log in the "
-                        "loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang; "
+    parser.add_argument("what", choices=("steps", "choices", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "attitude", "broad",
+                                         "board", "bring-up"),
+                        help="cost of EKF, tick and dry run; of every estimator and controller; estimator errors by yaw rate; unknown model "
+                        "errors; cost of the log in the loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang; "
                         "false alarms in ordinary driving; tilt error with the DMP and without; onboard attitude on recordings with motion capture; "
                         "every stage of a tick on this board, motors off; starts of the IMU with a fault")  # fmt: skip
     parser.add_argument("--dry-run", action="store_true", help="board: on the fake board")
@@ -156,7 +157,7 @@ def add_arguments(parser) -> None:
     parser.add_argument("--runs", metavar="N", type=int, default=1000, help="bring-up: how many")
     parser.add_argument("--data", metavar="FOLDER", help="broad: folder of the recordings")
     parser.add_argument("--hours", metavar="N", type=float, default=1.0, help="alarms: simulated hours of driving")
-    parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr", help="whose costs `steps` measures")
+    parser.add_argument("--robot", choices=("mbbr", "edumip"), default="mbbr", help="whose costs `steps` and `choices`, whose errors `estimators` measures")
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--quick", action="store_true", help="fewer seeds, ticks or runs")
     batch.add_arguments(parser)
@@ -165,7 +166,12 @@ def add_arguments(parser) -> None:
 def run(arguments) -> int:
     """Exit code 1 where a robustness draw fell, a log lost more than it may, the enable line fell too late, ordinary driving raised an alarm, or
     the onboard attitude is worse than the DMP's or VQF's may be."""
-    if arguments.what == "estimators":
+    if arguments.what == "estimators" and arguments.robot == "edumip":
+        from mip_rt.lab import mip_estimators
+
+        table = mip_estimators.run(arguments.quick, lambda jobs: batch.results(mip_estimators.work, jobs, "runs", arguments.cluster, arguments.workers))
+        print(json.dumps(table) if arguments.json else mip_estimators.render(table))
+    elif arguments.what == "estimators":
         table = estimators(arguments.quick, arguments.cluster, arguments.workers)
         print(json.dumps(table)) if arguments.json else print_estimators(table)
     elif arguments.what == "robustness":
@@ -195,12 +201,15 @@ def run(arguments) -> int:
         found = attitude_sources.run(dry_run, arguments.quick, progress)
         print(json.dumps(found) if arguments.json else attitude_sources.render(found))
         return int(not attitude_sources.passed(found))
+    elif arguments.what == "choices":
+        from mip_rt.lab import choices
+
+        found = choices.run(arguments.robot, arguments.quick, progress)
+        print(json.dumps(found) if arguments.json else choices.render(found))
     elif arguments.what == "broad":
         from mip_rt.lab import broad
 
-        found = broad.run(arguments.data or broad.FOLDER, progress)
-        print(json.dumps(found) if arguments.json else broad.render(found))
-        return int(not broad.passed(found))
+        return broad.report(arguments.data, arguments.json, progress)
     elif arguments.what.startswith("log"):
         from mip_rt.lab import log_costs, log_damage
 

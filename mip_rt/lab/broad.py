@@ -8,6 +8,7 @@ The IMU's rates lag behind the cameras by the same 2.3 ms in every trial, two th
 filter's error. The table shows both filters with it made good (ours by `imu.gyro_delay_s`) and without.
 """
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -109,3 +110,10 @@ def render(result: dict) -> str:
     for name, errors in rows.items():
         lines.append(f"| {name} | " + " | ".join("" if error is None else f"{error:.3f}" for error in errors) + " |")
     return "\n".join(lines)
+
+
+def report(folder, as_json: bool, progress) -> int:
+    """Prints the table of the recordings in a folder (None: FOLDER); exit code 1 where they do not pass."""
+    found = run(folder or FOLDER, progress)
+    print(json.dumps(found) if as_json else render(found))
+    return int(not passed(found))

@@ -15,8 +15,11 @@ REPORT = "report.html"
 def add_arguments(parser) -> None:
     """Declares the arguments."""
     parser.add_argument(
-        "name", metavar="NAME|list|all", help="an experiment, or list (every table and figure with its status), or all"
+        "name",
+        metavar="NAME|list|all|broad",
+        help="an experiment, or list (every table and figure with its status), or all; broad: the onboard attitude on recordings of the BROAD benchmark",
     )
+    parser.add_argument("--data", metavar="FOLDER", help="broad: folder of the recordings")
     parser.add_argument("--seed", type=int, default=1, metavar="N", help="of all randomness (default 1)")
     parser.add_argument("--quick", action="store_true", help="shorter runs: minutes become seconds, numbers are rougher")
     parser.add_argument(
@@ -49,7 +52,7 @@ def perform(job: tuple) -> dict:
 
 
 def run(arguments) -> int:
-    """Exit code 0: everything ran; what it shows is in the verdicts.
+    """Exit code 0: everything ran; what it shows is in the verdicts. `broad` ends as `mip-rt bench broad`.
 
     Raises:
         ConfigError: there is no such experiment, or the folder cannot be written.
@@ -57,13 +60,17 @@ def run(arguments) -> int:
     from mip_rt.config.suggestion import nearest
     from mip_rt.lab.papers import experiments
 
+    if arguments.name == "broad":
+        from mip_rt.lab import broad
+
+        return broad.report(arguments.data, arguments.json, progress)
     known = experiments()
     if arguments.name == "list":
         _print_list(known, arguments.json)
         return 0
     if arguments.name not in (*known, "all"):
         raise ConfigError(
-            f"there is no experiment {arguments.name!r}{nearest(arguments.name, known)}.",
+            f"there is no experiment {arguments.name!r}{nearest(arguments.name, (*known, 'broad'))}.",
             "mip-rt reproduce list names them.",
             "arguments",
         )
@@ -132,6 +139,7 @@ def _print_list(known, as_json: bool) -> None:
     print(
         f"{sum(1 for e in listed if e.experiment)} of {len(listed)} tables and figures, by {len(known)} experiments; run one with: mip-rt reproduce NAME"
     )
+    print("Beside the papers: mip-rt reproduce broad --data FOLDER, the onboard attitude on recordings of the BROAD benchmark")
 
 
 def _print_result(name, experiment, found, brief: bool) -> None:

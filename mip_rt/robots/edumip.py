@@ -12,6 +12,7 @@ from mip_rt import frame
 from mip_rt.compiled import njit, numba, record_array
 from mip_rt.controllers import mip_drive, mip_feedback, mip_reference, pid, successive_loop, wheel_drive
 from mip_rt.estimators import complementary, complementary_kf, ekf, mip_ekf, mip_planar_kf
+from mip_rt.robots import edumip_imu_slots as imu_slots
 from mip_rt.robots import edumip_sensors, health, onboard, sensors
 from mip_rt.robots.edumip_frame import FRAME
 
@@ -49,6 +50,7 @@ STATE = np.dtype(
         ("measured", "f8", (4,)),
         ("rate", "f8", (1,)),
         ("tilt", "f8", (1,)),
+        ("imu", imu_slots.STATE),
         ("battery_v", "f8"),
         ("battery_unknown", "i8"),  # ticks without a plausible reading
         ("engaged", "i8"),
@@ -65,6 +67,7 @@ ESTIMATOR_PARAMETERS = np.dtype(
         ("planar", mip_planar_kf.PARAMETERS),
         ("complementary", complementary.PARAMETERS),
         ("complementary_kf", complementary_kf.PARAMETERS),
+        ("imu", imu_slots.PARAMETERS),
     ],
     align=True,
 )
@@ -89,6 +92,8 @@ def _reset_estimator(p, s, row):
         complementary.reset(p.complementary, s.filter, lean)
     elif p.kind == KIND_COMPLEMENTARY_KF:
         complementary_kf.reset(p.complementary_kf, s.filter, lean)
+    elif p.kind >= imu_slots.FIRST:
+        imu_slots.reset(p.kind, p.imu, s.filter, row)
     else:
         _show_dmp(s.filter, row)
 
@@ -116,6 +121,8 @@ def _advance(p, s, state, row, valid):
         mip_planar_kf.step(p.planar, s.filter, state.applied, y, valid & mip_planar_kf.ALL_VALID)
     elif p.kind == KIND_DMP:
         _show_dmp(s.filter, row)
+    elif p.kind >= imu_slots.FIRST:
+        imu_slots.step(p.kind, p.imu, s.filter, state.imu, row, valid & PHI_BIT != 0, valid & GYRO_BIT != 0, valid & ACCELEROMETER_BIT != 0)
     else:
         imu = complementary.GYRO_VALID if valid & GYRO_BIT else 0
         if valid & ACCELEROMETER_BIT:
@@ -151,6 +158,8 @@ def _estimate(p, s, row, slot):
         out[1] = x[1]
         out[3] = x[2]
         out[4] = x[3]
+    elif p.kind >= imu_slots.FIRST:
+        imu_slots.estimate(p.kind, s.filter, row, out)
     elif p.kind != KIND_DMP:
         out[0] = x[0]
         if p.kind == KIND_COMPLEMENTARY_KF:
@@ -236,7 +245,7 @@ def _control(p, s, row):
     for i in range(mip_feedback.GAINS):
         row.gains[i] = 0.0
     if p.controller == SUCCESSIVE_LOOP:
-        forward, lean = successive_loop.step(p.loops, s.loops, error[1], estimate[0])
+        forward, lean = successive_loop.step(p.loops, s.loops, error[1], estimate[0], ref.yaw_rate_rad_s)
         row.command_feedback[0] = forward
         row.command_feedback[1] = mip_feedback.yaw_command(p.feedback, error)
         row.reference_lean_rad = lean

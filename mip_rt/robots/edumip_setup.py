@@ -6,10 +6,10 @@ from mip_rt import frame
 from mip_rt.controllers import lqr, mip_reference, successive_loop, wheel_drive
 from mip_rt.controllers.filters import pole_from_rate
 from mip_rt.errors import ConfigError
-from mip_rt.estimators import complementary, complementary_kf, mip_ekf, mip_planar_kf
+from mip_rt.estimators import complementary, complementary_kf, mip_2state_ekf, mip_ekf, mip_inertial_ekf, mip_planar_kf, pendulum_ekf
 from mip_rt.models import mip, mip_yaw
 from mip_rt.robots import edumip as robot
-from mip_rt.robots import edumip_frame, health, onboard, sensors
+from mip_rt.robots import edumip_frame, edumip_imu_slots, health, onboard, sensors
 from mip_rt.robots.edumip_judge import Judge  # noqa: F401  (part of what a setup module offers)
 from mip_rt.robots.robot import BATTERY_HOLD_S, BATTERY_SMOOTHING_RAD_S, Robot, noise
 
@@ -22,6 +22,9 @@ ESTIMATORS = {
     "complementary_kf": (robot.KIND_COMPLEMENTARY_KF, 0, None),
     "dmp": (robot.KIND_DMP, 1, None),
     "dmp_ekf": (robot.KIND_EKF, 1, None),
+    "inertial_ekf": (edumip_imu_slots.KIND_INERTIAL, 0, None),
+    "pendulum_ekf": (edumip_imu_slots.KIND_PENDULUM, 0, None),
+    "two_state_ekf": (edumip_imu_slots.KIND_2STATE, 0, None),
 }
 FRAME = robot.FRAME
 CONTROLLERS = {"lqr": robot.LQR, "successive_loop": robot.SUCCESSIVE_LOOP, "pid": robot.PID}
@@ -31,6 +34,11 @@ NOISE_STEP_S = 0.005  # the step that the configuration's process noise stands f
 def imu_position(config) -> np.ndarray:
     """(3,) of the IMU from the centre of mass, body axes."""
     return np.array(config.imu.position_m, float)
+
+
+def imu_lever(config) -> np.ndarray:
+    """(3,) of the IMU from the middle of the axle, body axes."""
+    return imu_position(config) + np.array([0.0, 0.0, config.model.com_height_m])
 
 
 def model_parameters(config, reading: str | None = None):
@@ -91,6 +99,13 @@ def _estimator(p, name, config, model, dt_s) -> None:
     complementary.configure(p.complementary, e.corner_rad_s, dt_s)
     *process, measurement = e.complementary_kf_noise
     noise(p.complementary_kf.noise, config, np.array(process) * share, [measurement], e.initial_covariance, complementary_kf.STATES, dt_s)
+    lever = imu_lever(config)
+    mip_inertial_ekf.configure(p.imu.inertial, dt_s, lever, config.model.wheel_radius_m, config.imu.gyro_delay_s)
+    noise(p.imu.pendulum.noise, config, np.array(e.pendulum_process_noise) * share, e.pendulum_measurement_noise, e.initial_covariance,
+          pendulum_ekf.STATES, dt_s)  # fmt: skip
+    p.imu.pendulum.lever_m, p.imu.pendulum.gravity_m_s2 = lever[2], config.model.gravity_m_s2
+    noise(p.imu.two_state.noise, config, np.array(e.two_state_process_noise) * share, e.two_state_measurement_noise, e.initial_covariance,
+          mip_2state_ekf.STATES, dt_s)  # fmt: skip
 
 
 def build(config, shadows=None) -> Robot:
@@ -118,7 +133,7 @@ def build(config, shadows=None) -> Robot:
     p.sensors.mount_angle_rad = config.imu.mount_angle_rad
     p.sensors.radius_by_track = config.model.wheel_radius_m / config.model.track_m
     p.sensors.rolling_radius_m = config.model.wheel_radius_m
-    p.sensors.lever_m[:] = imu_position(config) + np.array([0.0, 0.0, config.model.com_height_m])
+    p.sensors.lever_m[:] = imu_lever(config)
     onboard.configure(p.attitude, config, dt_s)
     health.configure(p.health, config, dt_s, (p.sensors.radius_by_track, -p.sensors.radius_by_track))
     p.battery_hold_ticks = round(BATTERY_HOLD_S / dt_s)
@@ -160,6 +175,8 @@ def _configure_control(p, config, model, dt_s) -> None:
     successive_loop.configure_filter(
         p.loops.outer, s.outer_numerator, s.outer_denominator, s.outer_gain, c.lean_limit_rad, s.made_hz, rate_hz
     )
+    lean = mip_yaw.coefficients(model).tilt[0]
+    p.loops.spin_s2_rad2 = lean[2] / lean[0] if c.spin_gain else 0.0
     p.pid.dt_s = dt_s
     for name in ("lean", "lean_rate", "place", "speed", "integral", "yaw", "yaw_rate"):
         p.pid[name] = getattr(c.pid, name)

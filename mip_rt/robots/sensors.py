@@ -135,7 +135,8 @@ def read_imu(p, s, row):
     Over a lost packet the attitude is carried on by the last body rates, so that neither the gap nor its end is a step.
     """
     packet = row.imu_packet
-    fresh = (row.imu_status & IMU_USABLE) != 0
+    bias = row.gyro_bias_rad_s
+    fresh = (row.imu_status & IMU_USABLE) != 0 and abs(bias[0] + bias[1] + bias[2]) < math.inf  # words are integers: only a bias can be NaN
     if fresh and p.source == DMP:
         fresh = _read_quaternion(p, s, packet)
     if fresh:

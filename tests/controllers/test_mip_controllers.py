@@ -68,16 +68,20 @@ def test_designed_gains_stabilise_both_readings_at_every_yaw_rate(edumip_config,
         assert np.abs(np.linalg.eigvals(Ad - Bd @ K[None])).max() < 1.0
 
 
-def loop_growth(filters, used_hz: float, sign: float = 1.0, inner_gain=None, outer=None) -> float:
-    """ln(spectral radius) / dt of the small-angle eduMIP under the two filters: negative is stable."""
+def loop_growth(filters, used_hz: float, sign: float = 1.0, yaw_rate: float = 0.0, reading: str = "rigid", spin: float = 0.0) -> float:
+    """ln(spectral radius) / dt of the small-angle eduMIP at a yaw rate under the two filters: negative is stable."""
     f = dict(filters)
     dt = 1.0 / used_hz
-    A6, B6, _, _ = mip.linear_matrices(mip.parameters()[0])
-    keep = [0, 1, 3, 4]
-    Ad, Bd = lqr.discretise(A6[np.ix_(keep, keep)], B6[keep, :1], dt)
+    rotor = mip.rotor_inertia(mip.TABLE_3_2["wheel_inertia_kg_m2"], reading)
+    c = mip_yaw.coefficients(mip.parameters(rotor_inertia_kg_m2=rotor)[0])[0]
+    A, B = np.zeros((4, 4)), np.zeros((4, 1))  # lean, phi, their rates
+    A[0, 2] = A[1, 3] = 1.0
+    for row, (lean, damping, centrifugal, command) in ((2, c.tilt), (3, c.wheel)):
+        A[row, 0], A[row, 3], B[row, 0] = lean + centrifugal * yaw_rate**2, damping, command
+    Ad, Bd = lqr.discretise(A, B, dt)
     b1, a1 = successive_loop.resample(f["inner_numerator"], f["inner_denominator"], f["made_hz"], used_hz)
     b2, a2 = successive_loop.resample(f["outer_numerator"], f["outer_denominator"], f["made_hz"], used_hz)
-    b1, b2 = f["inner_gain"] * b1, sign * f["outer_gain"] * b2
+    b1, b2 = f["inner_gain"] * (1.0 + spin * yaw_rate**2) * b1, sign * f["outer_gain"] * b2
     # Canonical state of each filter; inputs wheel = phi + pitch, lean.
     n = 8
     M = np.zeros((n, n))
@@ -113,6 +117,20 @@ def test_published_filters_have_their_published_stability():
     assert loop_growth(FILTERS["public"], 100.0) == pytest.approx(-0.21, abs=0.03)
 
 
+@pytest.mark.parametrize("used_hz", [100.0, 200.0])
+@pytest.mark.parametrize("reading", ["rigid", "rotor"])
+def test_growing_with_the_spin_the_loops_hold_any_yaw_rate(edumip_config, reading, used_hz):
+    """As in the papers they fall at 20 rad/s, of the other reading of the wheel inertia at 15; the gain is that of the configured model."""
+    robot = edumip_setup.build(edumip_config)
+    spin = float(robot.parameters[0]["loops"]["spin_s2_rad2"])
+    f = FILTERS["dissertation"]
+    assert loop_growth(f, used_hz, yaw_rate=20.0 if reading == "rigid" else 15.0, reading=reading) > 0.2
+    for rate in (5.0, 10.0, 15.0, 20.0):
+        assert loop_growth(f, used_hz, yaw_rate=rate, reading=reading, spin=spin) < -0.2
+    paper = edumip_setup.build(make_config("edumip", control__spin_gain="false"))
+    assert paper.parameters[0]["loops"]["spin_s2_rad2"] == 0.0
+
+
 @pytest.mark.parametrize("name", FILTERS)
 @pytest.mark.parametrize("used_hz", [100.0, 200.0, 400.0])
 def test_filters_stay_stable_at_other_rates_than_they_were_made_for(name, used_hz):
@@ -140,12 +158,12 @@ def test_loops_do_not_wind_up_behind_their_limits():
     successive_loop.configure_filter(p.inner, f["inner_numerator"], f["inner_denominator"], 1.0, 1.0, 200.0, 200.0)
     successive_loop.configure_filter(p.outer, f["outer_numerator"], f["outer_denominator"], 1.0, 0.4, 200.0, 200.0)
     for _ in range(2000):
-        u, lean = successive_loop.step(p, s, 3.0, 0.5)
+        u, lean = successive_loop.step(p, s, 3.0, 0.5, 0.0)
     assert u == 1.0 and lean == pytest.approx(0.4)
-    u, lean = successive_loop.step(p, s, -3.0, -0.5)
+    u, lean = successive_loop.step(p, s, -3.0, -0.5, 0.0)
     assert lean < -0.2 and u < 0.2  # at once and by the whole jump of the errors, after ten seconds at the limits
     successive_loop.reset(s)
-    assert successive_loop.step(p, s, 0.0, 0.0) == (0.0, 0.0)
+    assert successive_loop.step(p, s, 0.0, 0.0, 0.0) == (0.0, 0.0)
 
 
 def test_a_robot_that_is_behind_rolls_back_first_and_leans_forward():

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from mip_rt.estimators import complementary, complementary_kf, ekf, mip_ekf, mip_planar_kf
+from mip_rt.estimators import complementary, complementary_kf, ekf, mip_ekf, mip_inertial_ekf, mip_planar_kf
 from mip_rt.models import mip, mip_yaw
 
 pytestmark = pytest.mark.armhf
@@ -13,6 +13,7 @@ DT = 0.005
 Q6, R4 = [1e-11, 1e-7, 1e-7, 1e-5, 1e-7, 1e-7], [1e-5, 2.62e-7, 5.44e-3, 1e-5]
 Q4, R3 = [1e-11, 1e-7, 1e-5, 1e-7], [1e-5, 3.07e-6, 3.04e-3]
 MODEL = mip.parameters(imu_position_m=(0.004, -0.016, 0.02))[0]
+LEVER = np.array([0.004, -0.016, 0.02 + MODEL.com_height_m])
 
 
 def record(dtype, q, r):
@@ -37,6 +38,10 @@ def made(name, variant="exact"):
     if name == "complementary_kf":
         p = record(complementary_kf.PARAMETERS, [1e-8, 1e-10], [1e-4])
         return complementary_kf, p, complementary_kf.init(p, np.zeros(2), np.full(2, 1e-5)), 1, 1
+    if name == "inertial":
+        p = np.zeros(1, mip_inertial_ekf.PARAMETERS).view(np.recarray)[0]
+        mip_inertial_ekf.configure(p, DT, LEVER, MODEL.wheel_radius_m)
+        return mip_inertial_ekf, p, mip_inertial_ekf.init(p, np.zeros(7), np.asarray(p.noise.P0)[:7]), 4, 2
     p = np.zeros(1, complementary.PARAMETERS).view(np.recarray)[0]
     complementary.configure(p, 4.0, DT)
     return complementary, p, complementary.init(p, [0.0]), 1, 1
@@ -109,13 +114,18 @@ def test_complementary_halves_add_up_to_one():
     assert complementary.accelerometer_tilt(-9.8 * math.sin(0.3), -9.8 * math.cos(0.3)) == pytest.approx(0.3)
 
 
-@pytest.mark.parametrize("name", ["ekf", "planar", "complementary", "complementary_kf"])
+def resting(nu):
+    """Inputs of a robot that stands: none, or gyro and accelerometer."""
+    return np.array([0.0, 0.0, 0.0, -9.8]) if nu == 4 else np.zeros(nu)
+
+
+@pytest.mark.parametrize("name", ["ekf", "planar", "complementary", "complementary_kf", "inertial"])
 class TestConformance:
     """The slot interface that every estimator keeps."""
 
     def test_nothing_non_finite_gets_in(self, name):
         module, p, state, nu, ny = made(name)
-        u, y = np.zeros(nu), np.zeros(ny)
+        u, y = resting(nu), np.zeros(ny)
         for bad in (math.nan, math.inf, -math.inf):
             for k in range(ny):
                 z = y.copy()
@@ -128,7 +138,7 @@ class TestConformance:
 
     def test_missing_sensors_change_nothing_but_the_prediction(self, name):
         module, p, state, nu, ny = made(name)
-        module.step(p, state, np.zeros(nu), np.full(ny, 1e3), 0)
+        module.step(p, state, resting(nu), np.full(ny, 1e3), 0)
         assert np.abs(np.asarray(state.x)).max() == 0.0 and state.status == 0
 
     @pytest.mark.slow
@@ -137,7 +147,7 @@ class TestConformance:
         rng = np.random.default_rng(4)
         noise = rng.normal(size=(1000, ny)) * [0.003, 0.0005, 0.07, 0.003][:ny]
         for k in range(72000):
-            module.step(p, state, np.zeros(nu), noise[k % 1000], module.ALL_VALID)
+            module.step(p, state, resting(nu), noise[k % 1000], module.ALL_VALID)
             if k % 5000 == 0:
                 P = np.asarray(state.P)
                 assert np.isfinite(P).all() and np.allclose(P, P.T, rtol=1e-9, atol=1e-18) and np.linalg.eigvalsh(P).min() > -1e-15

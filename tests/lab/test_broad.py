@@ -1,8 +1,11 @@
 """The onboard attitude on real recordings, where they are; and that the score is what it claims."""
 
+import json
+
 import numpy as np
 import pytest
 
+from mip_rt import cli
 from mip_rt.lab import broad
 
 FOLDER = next((folder for folder in (broad.FOLDER, *(parent / "shared/data/broad" for parent in broad.Path(__file__).parents)) if folder.is_dir()), None)
@@ -32,6 +35,19 @@ def test_missing_and_wrong_recordings_are_named(tmp_path):
     np.savez(tmp_path / "x.npz", gyro=np.zeros(3))
     with pytest.raises(broad.RecordingsMissing, match="x.npz"):
         broad.run(tmp_path)
+
+
+def test_both_verbs_print_the_table_and_tell_by_their_exit_code(tmp_path, capsys):
+    """A recording of standing still that shows no lean; one whose truth leans by 10 degrees; and JSON."""
+    still = {"gyro": np.zeros((600, 3)), "accel": np.tile([0.0, 0.0, 9.81], (600, 1)), "movement": np.ones(600, bool), "rate_hz": 300.0}
+    leaning = [np.cos(np.radians(5.0)), np.sin(np.radians(5.0)), 0.0, 0.0]
+    for name, truth, code in (("02_level", [1.0, 0.0, 0.0, 0.0], 0), ("07_leaning", leaning, 1)):
+        np.savez(tmp_path / f"{name}.npz", quaternion=np.tile(truth, (600, 1)), **still)
+        for verb in ("reproduce", "bench"):
+            assert cli.main([verb, "broad", "--data", str(tmp_path)]) == code
+            assert f"| {name} | {0.0 if code == 0 else 10.0:.3f} |" in capsys.readouterr().out
+    assert cli.main(["reproduce", "broad", "--json", "--data", str(tmp_path)]) == 1
+    assert json.loads(capsys.readouterr().out)["07_leaning"]["onboard"] == pytest.approx(10.0, abs=0.01)
 
 
 def test_a_worse_filter_does_not_pass():

@@ -34,13 +34,18 @@ FILLING = 12  # moments in even distances, where there is room
 
 
 def wanted() -> dict[str, tuple]:
-    """{name of an excerpt: (configuration, name of the scenario)}: every scenario of every robot, and its other controllers standing still."""
+    """{name of an excerpt: (configuration, name of the scenario)}: every scenario of every robot, and its other controllers standing still.
+
+    Where a robot has more estimators than there are slots, each excerpt leaves out others.
+    """
     found = {}
     for robot in robots.NAMES:
         setup, shipped = robots.setup(robot), make_config(robot)
-        shadows = ", ".join(name for name in setup.ESTIMATORS if name != shipped.estimator.control)
-        changes = {"estimator__shadows": f"[{shadows}]", "log__ring_s": str(LONGEST_S + 1.0)}
-        for scenario in scenarios_of(robot):
+        names = [name for name in setup.ESTIMATORS if name != shipped.estimator.control]
+        for number, scenario in enumerate(scenarios_of(robot)):
+            first = number * (frame.ESTIMATORS - 1) % len(names) if len(names) >= frame.ESTIMATORS else 0
+            shadows = (names[first:] + names[:first])[: frame.ESTIMATORS - 1]
+            changes = {"estimator__shadows": f"[{', '.join(shadows)}]", "log__ring_s": str(LONGEST_S + 1.0)}
             found[f"{robot}-{scenario}"] = make_config(robot, **changes), scenario
         for controller in getattr(setup, "CONTROLLERS", ()):
             if controller != shipped.control.controller:

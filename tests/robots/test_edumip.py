@@ -9,6 +9,7 @@ from helpers import DryRun, make_config
 from mip_rt import frame
 from mip_rt.config import scenario as scenarios
 from mip_rt.log import open as open_log
+from mip_rt.robots import edumip_setup
 from mip_rt.supervisor import State
 
 KEYS = {
@@ -29,7 +30,7 @@ def stands(report):
 
 
 def test_every_estimator_runs_in_shadow_and_the_summary_keeps_its_keys(tmp_path):
-    report = dry_run(tmp_path, estimator__shadows="[ekf, ekf_printed, planar_kf, complementary, complementary_kf, dmp]")
+    report = dry_run(tmp_path, estimator__shadows="[ekf, ekf_printed, planar_kf, complementary, complementary_kf, dmp, inertial_ekf]")
     assert KEYS <= set(report) and report["robot"] == "edumip" and stands(report)
     assert report["position_error_max_m"] < 0.02 and report["rate_hz"] == 200.0
     assert report["estimators"]["dmp_ekf"]["tilt_rms_error_rad"] < 0.006
@@ -38,12 +39,54 @@ def test_every_estimator_runs_in_shadow_and_the_summary_keeps_its_keys(tmp_path)
     assert log.header["estimate_names"][1] == "phi_rad"
 
 
+@pytest.mark.parametrize("estimator", edumip_setup.ESTIMATORS)
+def test_every_estimator_can_control(tmp_path, estimator):
+    assert stands(dry_run(tmp_path, duration_s=8.0, estimator__control=estimator))
+
+
+@pytest.mark.parametrize("changes", [
+    {},
+    {"dry_run__imu_misalignment_rad": "[0.0, 0.0175, 0.0175]"},
+    {"dry_run__imu_position_error_m": "[0.002, 0.003, -0.002]"},
+    {"realtime__rate_hz": "100"},
+    {"dry_run__wheel_inertia_reading": "rotor", "dry_run__extra_delay_ticks": "1", "dry_run__friction": "1.5"},
+])  # fmt: skip
+def test_inertial_ekf_controls_while_turning_fast(tmp_path, changes):
+    """A crooked IMU, one that is not where it is believed, late commands: half the error of a DMP (3 mrad) in spite of each."""
+    report = dry_run(tmp_path, "spin-10-rad-s", duration_s=20.0, estimator__control="inertial_ekf", **changes)
+    assert stands(report) and report["yaw_rate_mean_rad_s"] > 5.0
+    assert report["tilt_rms_error_rad"] < 1.5e-3
+
+
+def test_inertial_ekf_holds_through_spikes_and_a_jumping_attitude(tmp_path):
+    """Its inputs are raw samples: a spike taken for a motion would throw the robot over; the DMP's attitude it reads only at the start."""
+    events = [
+        scenarios.Event(2.0, press="arm"),
+        scenarios.Event(3.0, yaw_rate_hz=5.0 / (2.0 * math.pi)),
+        scenarios.Event(5.0, fault="gyro_spike", parameters={"axis": "z", "size_rad_s": 15.0}),
+        scenarios.Event(7.0, fault="gyro_spike", parameters={"axis": "x", "size_rad_s": -15.0}),
+        scenarios.Event(9.0, fault="accel_spike", parameters={"axis": "z", "size_m_s2": 80.0}),
+        scenarios.Event(11.0, fault="attitude_jump", parameters={"for_s": 0.5}),
+    ]
+    config = make_config("edumip", estimator__control="inertial_ekf", estimator__shadows="[]")
+    with DryRun(tmp_path, config, scenarios.Scenario("spikes", "", 14.0, events)) as dry:
+        report = dry.run(14.0)
+    assert stands(report) and report["tilt_rms_error_rad"] < 1e-3 and report["tilt_max_rad"] < 0.06
+
+
 @pytest.mark.parametrize("rate_hz", [100, 200])
 @pytest.mark.parametrize("controller", ["lqr", "successive_loop", "pid"])
 def test_every_controller_balances_at_both_rates(tmp_path, controller, rate_hz):
     report = dry_run(tmp_path, "spin-10-rad-s", duration_s=10.0, control__controller=controller, realtime__rate_hz=str(rate_hz))
     assert stands(report) and report["rate_hz"] == rate_hz and report["ticks"] == pytest.approx(10 * rate_hz, abs=2)
     assert report["missed"] == 0 and report["yaw_rate_mean_rad_s"] > 5.0
+
+
+@pytest.mark.parametrize("controller", ["lqr", "successive_loop", "pid"])
+def test_every_controller_holds_the_other_reading_of_the_wheel_inertia(tmp_path, controller):
+    """At the highest rate, where it matters: with the paper's constant gain the successive loops fall within 10 s."""
+    changes = {"control__controller": controller, "dry_run__wheel_inertia_reading": "rotor"}
+    assert stands(dry_run(tmp_path, "spin-15-rad-s", duration_s=16.0, **changes))
 
 
 @pytest.mark.parametrize("changes", [
@@ -67,11 +110,12 @@ def test_fifteen_radians_a_second(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", ["hold", "spin-5-rad-s", "spin-10-rad-s"])
-def test_ten_seeds_of_a_minute(tmp_path, scenario):
+@pytest.mark.parametrize("estimator", ["dmp_ekf", "inertial_ekf"])
+@pytest.mark.parametrize("scenario", ["hold", "spin-5-rad-s", "spin-10-rad-s", "spin-15-rad-s"])
+def test_ten_seeds_of_a_minute(tmp_path, scenario, estimator):
     """Acceptance: never falls with full noise and IMU offset; the place is held within 2 cm."""
     for seed in range(1, 11):
-        report = dry_run(tmp_path, scenario, seed, 60.0)
+        report = dry_run(tmp_path, scenario, seed, 60.0, estimator__control=estimator)
         assert stands(report), seed
         assert scenario != "hold" or report["position_error_max_m"] < 0.02, seed
 
@@ -138,11 +182,10 @@ def test_heading_reset_holds_the_present_heading(tmp_path):
         assert abs(dry.row["error"][2]) < 0.02
 
 
-def test_no_sensor_word_brings_a_non_finite_duty(tmp_path):
+@pytest.mark.parametrize("estimator", edumip_setup.ESTIMATORS)
+def test_no_sensor_word_brings_a_non_finite_duty(estimator):
     """Random packets, counts and batteries through the compiled step, engaged: every duty stays within one."""
-    from mip_rt.robots import edumip_setup
-
-    robot = edumip_setup.build(make_config("edumip"))
+    robot = edumip_setup.build(make_config("edumip", estimator__control=estimator, estimator__shadows="[]"))
     rng = np.random.default_rng(3)
     rows = np.zeros(3000, robot.layout.dtype)
     rows["request"], rows["drive_scale"], rows["imu_status"] = frame.REQUEST_ENGAGED, 1.0, rng.integers(0, 2, 3000)

@@ -104,12 +104,17 @@ prepare_counting() {
   return 1
 }
 
+# counting PROGRAM ARGUMENT...: runs the emulated program (an absolute path) with the plug-in, which writes counts to standard error.
+counting() {
+  inside $plugin_folder/ld-linux-x86-64.so.2 --library-path $plugin_folder $plugin_folder/qemu-arm \
+    -plugin $plugin_folder/count_instructions.so "$@" </dev/null
+}
+
 # counted PROGRAM ARGUMENT...: runs the emulated program (an absolute path) and prints how many instructions it took.
 counted() {
   local errors code=0 count
   errors=$(mktemp)
-  inside $plugin_folder/ld-linux-x86-64.so.2 --library-path $plugin_folder $plugin_folder/qemu-arm \
-    -plugin $plugin_folder/count_instructions.so "$@" </dev/null >&2 2>"$errors" || code=$?
+  counting "$@" >&2 2>"$errors" || code=$?
   count=$(sed -n 's/^instructions: //p' "$errors" | tail -n 1)
   { [ $code = 0 ] && [ -n "$count" ]; } || { tail -n 15 "$errors" >&2; rm -f "$errors"; return 1; }
   rm -f "$errors"

@@ -132,7 +132,7 @@ def _draw_drive(figure, record, seed, estimator, label):
         axes.plot(time_s, mocap, "k", lw=1, label="mocap (simulated)")
         axes.plot(time_s, smoothed[place - 6] if estimate is None else estimate, "C0", lw=0.8, label=label)
         if beside is not None and len(record.names) > 1:
-            axes.plot(time_s, beside, "C2", lw=0.7, label=record.names[1].upper())
+            axes.plot(time_s, beside, "C2", lw=0.7, label=record.names[1].upper().replace("_", "+"))
         if wanted is not None:
             axes.plot(time_s, wanted, "C3--", lw=0.8, label="reference")
         axes.set_ylabel(unit)

@@ -166,6 +166,11 @@ def friction(seed: int, quick: bool, progress) -> Result:
             "Q": "(6.26)",
             "gains": "shipped set rec: (6.27) falls in 0.1 s as printed",
         },
+        notes=[
+            "Coulomb friction has one size, so what it adds to the estimate has one, too, whatever the ball's speed: "
+            f"{error[False]:.1f} rad/s here, where the idling ball swings by {rms(true[False]):.0f} rad/s (RMS). A ratio of 1.5 to 2 is that of a "
+            "ball that swings less. How far it swings is a matter of the gains, and the printed ones cannot be flown.",
+        ],
     )
 
 

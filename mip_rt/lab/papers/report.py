@@ -30,10 +30,16 @@ def _verdict(verdict: str) -> str:
     return f'<b class="{CLASSES[verdict]}">{escape(verdict)}</b>'
 
 
+def _published(row) -> str:
+    """The cells beside ours."""
+    kind = "bad" if row["verdict"].startswith("no") else "good"
+    return f'<td class="n">{number(row["published"], row["digits"])}</td><td class="{kind}">{escape(row["verdict"])}</td>'
+
+
 def _section(name, experiment, found, command) -> str:
+    compared = any(r["published"] is not None for r in found["rows"])
     rows = "".join(
-        f'<tr><td>{escape(r["what"])}</td><td class="n">{number(r["ours"], r["digits"])}</td><td class="n">{number(r["published"], r["digits"])}</td>'
-        f'<td class="{"bad" if r["verdict"].startswith("no") else "good"}">{escape(r["verdict"])}</td></tr>'
+        f'<tr><td>{escape(r["what"])}</td><td class="n">{number(r["ours"], r["digits"])}</td>' + _published(r) * compared + "</tr>"
         for r in found["rows"]
     )
     claims = "".join(
@@ -47,7 +53,8 @@ def _section(name, experiment, found, command) -> str:
         for f in found["figures"]
     )
     settings = "".join(f"<tr><td>{escape(k)}</td><td>{escape(v)}</td></tr>" for k, v in found["settings"].items())
-    table = f"<table><tr><th></th><th>ours</th><th>published</th><th></th></tr>{rows}</table>" if rows else ""
+    heads = "<th>published</th><th></th>" * compared
+    table = f"<table><tr><th></th><th>ours</th>{heads}</tr>{rows}</table>" if rows else ""
     return (
         f'<h3 id="{name}">{escape(", ".join(experiment.shows))}: {escape(experiment.title)}</h3><p>{_verdict(found["verdict"])} · <code>{escape(command)}</code></p>'
         f"<ul>{claims}</ul>{table}{notes}{pictures}<details><summary>Settings</summary><table>{settings}</table></details>"
