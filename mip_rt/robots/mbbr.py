@@ -70,7 +70,10 @@ ESTIMATOR_PARAMETERS = np.dtype(
     ],
     align=True,
 )
-ESTIMATOR_STATE = np.dtype([("ball_angle_rad", "f8", (2,)), ("gyro_rad_s", "f8", (3,)), ("rate_rad_s", "f8", (3,)), ("filter", ekf.STATE)], align=True)
+# From gyro_rad_s on a momentum_observer.STATE; the other kinds use its filter alone.
+ESTIMATOR_STATE = np.dtype(
+    [("ball_angle_rad", "f8", (2,)), ("gyro_rad_s", "f8", (3,)), ("rate_rad_s", "f8", (3,)), ("spin_rad_s", "f8"), ("filter", ekf.STATE)], align=True
+)
 # Bytes of an estimator's record that the next tick reads (what follows is scratch), and those of them that hold the estimate.
 _FILTER = ESTIMATOR_STATE.fields["filter"][1]
 ESTIMATOR_PERSISTENT = _FILTER + ekf.PERSISTENT
