@@ -45,17 +45,14 @@ def configure(p, model) -> None:
 @njit
 def momentum(p, scale, roll, pitch, rate, wx, wy):
     """(l_x, l_y) of a body that turns at rate (3,) rad/s, body axes, on a ball that rolls at wx, wy; scale: see `derivative`."""
-    lean, share, _, _ = _lean(p, scale, roll, pitch, rate[0], rate[1], rate[2])
+    sx, cx, sy, cy = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
+    lean, share, _, _ = _lean(p, scale, sx, cx, sy, cy, rate[0], rate[1], rate[2])
     return share * wx + lean[0], share * wy + lean[1]
 
 
 @njit
-def _lean(p, scale, roll, pitch, a, b, c):
-    """The body's part of l, the factor of w in it, (coupling n_z)' and yaw'."""
-    sx = math.sin(roll)
-    cx = math.cos(roll)
-    sy = math.sin(pitch)
-    cy = math.cos(pitch)
+def _lean(p, scale, sx, cx, sy, cy, a, b, c):
+    """The body's part of l, the factor of w in it, (coupling n_z)' and yaw'; sines and cosines of roll x and pitch y."""
     turn = sx * b + cx * c
     ox = cy * a + sy * turn
     oy = cx * b - sx * c
@@ -70,7 +67,8 @@ def _lean(p, scale, roll, pitch, a, b, c):
 @njit
 def ball_rate(p, scale, roll, pitch, a, b, c, lx, ly):
     """(w_x, w_y) of the ball of a robot whose body turns at (a, b, c) rad/s, body axes, with momentum (lx, ly)."""
-    lean, share, _, _ = _lean(p, scale, roll, pitch, a, b, c)
+    sx, cx, sy, cy = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
+    lean, share, _, _ = _lean(p, scale, sx, cx, sy, cy, a, b, c)
     return (lx - lean[0]) / share, (ly - lean[1]) / share
 
 
@@ -84,12 +82,10 @@ def derivative(p, scale, gravity, roll, pitch, a, b, c, lx, ly):
         gravity: true `gravity_s2` as a multiple of p's.
         lx, ly: momentum l.
     """
-    lean, share, change, yaw_rate = _lean(p, scale, roll, pitch, a, b, c)
+    sx, cx, sy, cy = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
+    lean, share, change, yaw_rate = _lean(p, scale, sx, cx, sy, cy, a, b, c)
     wx = (lx - lean[0]) / share
     wy = (ly - lean[1]) / share
-    sx = math.sin(roll)
-    cx = math.cos(roll)
-    sy = math.sin(pitch)
     fall = gravity * p.gravity_s2
     return (
         a + sy * yaw_rate,
@@ -97,6 +93,6 @@ def derivative(p, scale, gravity, roll, pitch, a, b, c, lx, ly):
         yaw_rate,
         fall * sx + yaw_rate * ly + change * wx,
         fall * sy * cx - yaw_rate * lx + change * wy,
-        math.cos(pitch) * wx - a,
+        cy * wx - a,
         sx * sy * wx + cx * wy - b,
     )
