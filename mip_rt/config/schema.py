@@ -135,7 +135,7 @@ MBBR = {
         "cutoff_v": N(5.5, "Below for 2 s, smoothed and under load: motors off.", unit="V", low=0, high=60),
     },
     "estimator": {
-        "control": Choice("dmp_ekf", "Estimator that controls.", choices=published.ESTIMATORS),
+        "control": Choice("dmp_ekf", "Estimator that controls; momentum is ours, from gyro and encoders alone.", choices=published.ESTIMATORS),
         "shadows": Several(("ekf", "kf", "dmp_kf"), "Estimators that run beside it and are logged.",
                            item=Choice("", "", choices=published.ESTIMATORS), most=7),
         "odometry": Choice("encoders", "Ball position: from encoders and gyro, or by integrating the filter's ball rate as in T.",

@@ -13,9 +13,9 @@ The gyro drives the model and is no measurement. A crooked chip shows a part of 
 so does the bias, and its variance grows with the square of that change; of the low-passed spin, as a robot that only shivers about its axis
 must not forget its bias. The yaw is not a state: nothing here depends on it.
 
-Tried on the same draws and removed, see `mip-rt bench beyond` for what is left of the comparison: the DMP's lean and the accelerometer as
-further measurements (no difference below 1 Hz of yaw and none that a wandering DMP allows above), rolling resistance as an eleventh state (it
-finds the resistance, but takes backlash for it), Euler's rule in place of the midpoint (0.1 rad/s at 1.5 Hz).
+Tried and left out, as `mip-rt bench beyond` shows: the DMP's lean or the accelerometer as further measurements, and sigma points, none of which
+makes a difference. Tried and removed: rolling resistance as an eleventh state, which finds the resistance but takes backlash for it, and Euler's
+rule in place of the midpoint, which errs with the spin.
 
 Source: ours, on the kernel `ekf`.
 """
