@@ -49,7 +49,7 @@ MODEL = {
 }  # fmt: skip
 
 _NO_SUCH = ("vibration_torque_n_m", "vibration_accel_m_s2", "rollers_per_ball_turn", "initial_lean_rad", "gyro_noise_rad_s", "accel_noise_m_s2",
-            "backlash_rad")  # fmt: skip
+            "backlash_rad", "imu_position_error_m", "roller_ripple_rad", "rolling_resistance_n_m", "input_error")  # fmt: skip
 DRY_RUN = {
     "initial_lean_rad": N(0.03, "Lean at which the operator holds the robot.", unit="rad", low=-0.5, high=0.5),
     "gyro_noise_rad_s": N(0.001752, "Gyro noise, standard deviation (T 3.34).", unit="rad/s", low=0, high=1),

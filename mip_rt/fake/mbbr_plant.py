@@ -32,6 +32,9 @@ PARAMETERS = np.dtype(
         ("vibration_torque_n_m", "f8"),  # amplitude at 10 rad/s of the wheel's ball-side speed
         ("vibration_accel_m_s2", "f8"),
         ("rollers_per_ball_turn", "f8"),
+        ("roller_ripple_rad", "f8"),  # ball-side
+        ("input_error_n_m", "f8", (3,)),
+        ("rolling", "f8", (2,)),  # what the floor's rolling resistance takes from the tilt rates and the ball's, rad/s^2
     ],
     align=True,
 )
@@ -73,6 +76,11 @@ def _derivative(p, s, x, out):
     for i in range(3):
         total[i] = s.torque[i] + friction.torque(rate[i], p.coulomb_n_m, p.viscous_n_m_s_rad)
     mbbr.acceleration_from_torque(x, total, p.model, s.a5)
+    if p.rolling[1] != 0.0:
+        for i in range(2):
+            direction = math.tanh(x[8 + i] / friction.SMOOTHING_RAD_S)
+            s.a5[i] += p.rolling[0] * direction
+            s.a5[3 + i] += p.rolling[1] * direction
     cosine = math.cos(x[2])
     sine = math.sin(x[2])
     out[0] = x[5]
@@ -91,7 +99,7 @@ def _motors(p, s, slot):
     mbbr.encoder_rate_into(s.x, rate)
     ratio = p.model.ball_radius_m / p.model.wheel_radius_m
     for j in range(3):
-        s.torque[j] = 0.0
+        s.torque[j] = p.input_error_n_m[j]
     for i in range(3):
         ball_side = 0.0
         ball_angle = 0.0
@@ -167,6 +175,7 @@ def _sensors(p, s, normal):
         angle = 0.0
         for j in range(3):
             angle += ratio * p.body_from_wheel[j, i] * s.body_angle_rad[j]
+        angle += ratio * p.roller_ripple_rad * math.sin(p.rollers_per_ball_turn * angle / ratio + 2.1 * i)
         plant.encoder(p, s, i, angle)
 
 
@@ -240,14 +249,26 @@ def configure(p, config) -> None:
         ball_inertia_kg_m2=m.ball_inertia_kg_m2 * error.inertia,
         wheel_inertia_kg_m2=m.wheel_inertia_kg_m2 * error.inertia,
         gravity_m_s2=m.gravity_m_s2,
-        imu_position_m=config.imu.position_m,
+        imu_position_m=np.array(config.imu.position_m) + dry.imu_position_error_m,
     )
     p.model = true[0]
     p.body_from_wheel[:] = orthonormal(config.wheels.body_from_wheel)
     p.coulomb_n_m = config.friction.coulomb_n_m * error.friction * dry.friction
     p.viscous_n_m_s_rad = config.friction.viscous_n_m_s_rad * error.friction * dry.friction
     p.vibration_torque_n_m, p.vibration_accel_m_s2 = dry.vibration_torque_n_m, dry.vibration_accel_m_s2
-    p.rollers_per_ball_turn = dry.rollers_per_ball_turn
+    p.rollers_per_ball_turn, p.roller_ripple_rad = dry.rollers_per_ball_turn, dry.roller_ripple_rad
+    p.rolling[:] = _rolling(true[0], dry.rolling_resistance_n_m)
+    p.input_error_n_m[:] = m.torque_per_command_n_m * np.array(dry.input_error)
+
+
+def _rolling(m, resistance_n_m: float) -> np.ndarray:
+    """(tilt, ball) accelerations, rad/s^2, of an upright robot whose floor resists a positive ball rate with this torque."""
+    wheels = m.wheel_inertia_kg_m2 * (m.ball_radius_m / m.wheel_radius_m) ** 2
+    arm = m.body_mass_kg * m.com_height_m
+    tilt = m.body_inertia_kg_m2[0] + wheels + arm * m.com_height_m
+    ball = m.ball_inertia_kg_m2 + wheels + (m.body_mass_kg + m.ball_mass_kg) * m.ball_radius_m**2
+    shared = arm * m.ball_radius_m - wheels
+    return np.linalg.solve([[tilt, shared], [shared, ball]], [0.0, -resistance_n_m])
 
 
 def hold(s, lean_rad) -> None:

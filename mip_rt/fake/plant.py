@@ -29,6 +29,7 @@ def parameter_fields(wheels: int) -> list:
         ("count_per_rad", "f8", (wheels,)),  # signed counts per wheel angle, wiring included
         ("backlash_rad", "f8"),
         ("gyro_bias_rad_s", "f8", (3,)),
+        ("gyro_drift_rad_s2", "f8", (3,)),
         ("gyro_noise_rad_s", "f8"),
         ("accel_bias_m_s2", "f8", (3,)),
         ("accel_noise_m_s2", "f8"),
@@ -152,7 +153,7 @@ def inertial_sensors(p, s, rate, force, normal):
         for k in range(3):
             turn += p.imu_misalignment[i, k] * rate[k]
             push -= p.imu_misalignment[i, k] * force[k]  # the chip reports specific force
-        s.chip_rate[i] = turn + p.gyro_bias_rad_s[i] + p.gyro_noise_rad_s * normal[i]
+        s.chip_rate[i] = turn + p.gyro_bias_rad_s[i] + p.gyro_drift_rad_s2[i] * s.time_s + p.gyro_noise_rad_s * normal[i]
         s.chip_force[i] = push + p.accel_bias_m_s2[i] + p.accel_noise_m_s2 * normal[3 + i]
     for i in range(3):
         turn = 0.0

@@ -128,6 +128,7 @@ def _configure(p, config) -> None:
     p.count_per_rad[:] = [sign * counts_per_rad for sign in config.encoders.signs]
     p.backlash_rad = dry.backlash_rad
     p.gyro_bias_rad_s[:], p.gyro_noise_rad_s = dry.gyro_bias_rad_s, dry.gyro_noise_rad_s
+    p.gyro_drift_rad_s2[:] = dry.gyro_drift_rad_s2
     p.accel_bias_m_s2[:], p.accel_noise_m_s2 = dry.accel_bias_m_s2, dry.accel_noise_m_s2
     p.imu_misalignment[:] = rotation_from_vector(dry.imu_misalignment_rad)
     p.chip_from_body[:] = np.array(config.imu.mounting, float).T

@@ -144,11 +144,11 @@ def start_s(robot: str = "mbbr") -> float:
 
 def add_arguments(parser) -> None:
     """Declares the verb's arguments."""
-    parser.add_argument("what", choices=("steps", "choices", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "attitude", "broad",
-                                         "board", "bring-up"),
+    parser.add_argument("what", choices=("steps", "choices", "estimators", "robustness", "log", "log-damage", "guard", "alarms", "attitude", "beyond",
+                                         "broad", "board", "bring-up"),
                         help="cost of EKF, tick and dry run; of every estimator and controller; estimator errors by yaw rate; unknown model "
                         "errors; cost of the log in the loop, also with a recorder in trouble; logs of killed runs, cut files and flipped bits; enable line after a kill or hang; "
-                        "false alarms in ordinary driving; tilt error with the DMP and without; onboard attitude on recordings with motion capture; "
+                        "false alarms in ordinary driving; tilt error with the DMP and without; the momentum observer on imperfect robots; onboard attitude on recordings with motion capture; "
                         "every stage of a tick on this board, motors off; starts of the IMU with a fault")  # fmt: skip
     parser.add_argument("--dry-run", action="store_true", help="board: on the fake board")
     parser.add_argument("--seconds", metavar="S", type=float, default=20.0, help="board: how long")
@@ -164,8 +164,8 @@ def add_arguments(parser) -> None:
 
 
 def run(arguments) -> int:
-    """Exit code 1 where a robustness draw fell, a log lost more than it may, the enable line fell too late, ordinary driving raised an alarm, or
-    the onboard attitude is worse than the DMP's or VQF's may be."""
+    """Exit code 1 where a robustness draw fell, a log lost more than it may, the enable line fell too late, ordinary driving raised an alarm, the
+    momentum observer is not the best by its margin, or the onboard attitude is worse than the DMP's or VQF's may be."""
     if arguments.what == "estimators" and arguments.robot == "edumip":
         from mip_rt.lab import mip_estimators
 
@@ -206,6 +206,12 @@ def run(arguments) -> int:
 
         found = choices.run(arguments.robot, arguments.quick, progress)
         print(json.dumps(found) if arguments.json else choices.render(found))
+    elif arguments.what == "beyond":
+        from mip_rt.lab import beyond
+
+        found = beyond.run(arguments.quick, arguments.cluster, arguments.workers)
+        print(json.dumps(found) if arguments.json else beyond.render(found))
+        return int(not beyond.passed(found))
     elif arguments.what == "broad":
         from mip_rt.lab import broad
 

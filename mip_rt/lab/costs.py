@@ -20,7 +20,7 @@ from mip_rt import robots
 from mip_rt import session as runner
 from mip_rt.compiled import direct, njit, numba, records_at
 from mip_rt.config import scenario as scenarios
-from mip_rt.estimators import attitude, mbbr_ekf, mip_ekf
+from mip_rt.estimators import attitude, mbbr_ekf, mip_ekf, momentum_observer
 from mip_rt.fake import bench as fake_bench
 from mip_rt.fake.kernel import SAMPLE_NS
 from mip_rt.hardware import compiled_io, system_calls
@@ -46,6 +46,18 @@ def mip_ekf_steps(parameters, states, u, y, count):
     """`count` cycles of the 6-state EKF in slot 0."""
     for _ in range(count):
         mip_ekf.step(parameters[0].ekf, states[0].filter, u, y, mip_ekf.ALL_VALID)
+
+
+@njit
+def _momentum_steps(parameters, states, y, count):
+    for _ in range(count):
+        momentum_observer.step(parameters[0].momentum, states[0], y, momentum_observer.ALL_VALID)
+
+
+def momentum_steps(count: int) -> None:
+    """Runs `count` cycles of the momentum observer."""
+    arguments = robots.setup("mbbr").build(shipped(**{"estimator.control": "momentum"}))._arguments
+    _momentum_steps(arguments[2], arguments[3], np.zeros(8), count)
 
 
 def attitude_steps(count: int) -> None:
@@ -205,8 +217,8 @@ def parts(name: str, count: int) -> float:
 
 
 def run(kind: str, count: int) -> None:
-    """`kind` is "ekf", "attitude", "tick" or one of PARTS."""
+    """`kind` is "ekf", "attitude", "momentum", "tick" or one of PARTS."""
     if kind in PARTS:
         parts(kind, count)
     else:
-        {"ekf": steps, "attitude": attitude_steps, "tick": ticks}[kind](count)
+        {"ekf": steps, "attitude": attitude_steps, "momentum": momentum_steps, "tick": ticks}[kind](count)

@@ -12,12 +12,13 @@ import numpy as np
 from mip_rt import frame
 from mip_rt.compiled import njit, numba, record_array
 from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
-from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf, odometry
+from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf, momentum_observer, odometry
 from mip_rt.robots import health, mbbr_sensors, onboard, sensors
 from mip_rt.robots.mbbr_frame import FRAME
 
 KIND_EKF = 0
 KIND_KF = 1
+KIND_MOMENTUM = 2
 
 PARAMETERS = np.dtype(
     [
@@ -65,10 +66,14 @@ ESTIMATOR_PARAMETERS = np.dtype(
         ("dmp_attitude", "i8"),  # 1: roll, pitch and yaw handed to the controller are the DMP's
         ("ekf", mbbr_ekf.PARAMETERS),
         ("kf", mbbr_kf.PARAMETERS),
+        ("momentum", momentum_observer.PARAMETERS),
     ],
     align=True,
 )
-ESTIMATOR_STATE = np.dtype([("ball_angle_rad", "f8", (2,)), ("filter", ekf.STATE)], align=True)
+# From gyro_rad_s on a momentum_observer.STATE; the other kinds use its filter alone.
+ESTIMATOR_STATE = np.dtype(
+    [("ball_angle_rad", "f8", (2,)), ("gyro_rad_s", "f8", (3,)), ("rate_rad_s", "f8", (3,)), ("spin_rad_s", "f8"), ("filter", ekf.STATE)], align=True
+)
 # Bytes of an estimator's record that the next tick reads (what follows is scratch), and those of them that hold the estimate.
 _FILTER = ESTIMATOR_STATE.fields["filter"][1]
 ESTIMATOR_PERSISTENT = _FILTER + ekf.PERSISTENT
@@ -92,8 +97,10 @@ def _reset_estimator(p, s, row):
     roll, pitch, yaw = row.attitude_rad[0], row.attitude_rad[1], row.attitude_rad[2]
     if p.kind == KIND_EKF:
         mbbr_ekf.reset(p.ekf, s.filter, roll, pitch, yaw, row.body_angle_rad, row.gyro_rad_s)
-    else:
+    elif p.kind == KIND_KF:
         mbbr_kf.reset(p.kf, s.filter, roll, pitch, row.body_angle_rad, row.gyro_rad_s)
+    else:
+        momentum_observer.reset(p.momentum, s, roll, pitch, row.body_angle_rad, row.gyro_rad_s)
 
 
 @njit
@@ -106,6 +113,9 @@ def _estimate(p, s, common, rolled, row, slot):
             out[i] = x[i]
         for i in range(5):
             out[3 + i] = x[5 + i]
+    elif p.kind == KIND_MOMENTUM:
+        momentum_observer.show(p.momentum, s, out)
+        out[2] = row.attitude_rad[2]
     else:
         out[0] = x[0]
         out[1] = x[1]
@@ -158,8 +168,10 @@ def _run_estimators(p, s, ep, es, row, valid, fresh_start):
             se.ball_angle_rad[1] = 0.0
         elif pe.kind == KIND_EKF:
             mbbr_ekf.step(pe.ekf, se.filter, s.applied, y, valid)
-        else:
+        elif pe.kind == KIND_KF:
             mbbr_kf.step(pe.kf, se.filter, s.applied, six, _valid_for_kf(valid), row.gyro_rad_s[2])
+        else:
+            momentum_observer.step(pe.momentum, se, y, valid)
         flags = se.filter.status
         row.estimator_flags[slot] = flags
         if flags & ekf.UNHEALTHY:

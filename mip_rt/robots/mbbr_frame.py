@@ -26,7 +26,7 @@ LAYOUT = frame.Layout(
         Field("body_angle_rad", "<f8", (3,), "rad", "ball angle relative to the body, from the encoders (phi_B)"),
         Field("state_estimate", "<f8", (16,), "rad, rad/s", "full state vector of the estimator in control"),
         Field("state_variance", "<f8", (16,), "rad^2", "diagonal of its covariance"),
-        Field("innovation", "<f8", (8,), "rad/s, rad, m/s^2", "its innovations: gyro, encoders, accelerometer"),
+        Field("innovation", "<f8", (8,), "rad/s, rad, m/s^2", "its innovations: gyro, encoders, accelerometer; of momentum: encoders x, y"),
         Field("gains", "<f8", (9,), "1/rad, s/rad", "gains in force: c1 to c6, SLC gain, SLC pole, low-pass (rad/s)"),
         Field("reference_velocity_rad_s", "<f8", (2,), "rad/s", "reference of the ball's inertial rates"),
         Field("reference_angle_rad", "<f8", (2,), "rad", "reference of the ball's inertial angles"),

@@ -6,7 +6,7 @@ from mip_rt import frame
 from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
 from mip_rt.controllers.filters import pole_from_rate
 from mip_rt.errors import ConfigError
-from mip_rt.estimators import mbbr_ekf, mbbr_kf
+from mip_rt.estimators import mbbr_ekf, mbbr_kf, momentum_observer
 from mip_rt.models import mbbr, mbbr_linear, mbbr_yaw
 from mip_rt.robots import mbbr as robot
 from mip_rt.robots import health, mbbr_frame, onboard, sensors
@@ -21,6 +21,7 @@ ESTIMATORS = {
     "kf_printed": (robot.KIND_KF, 0, None, False),
     "dmp_ekf": (robot.KIND_EKF, 1, None, True),
     "dmp_kf": (robot.KIND_KF, 1, None, True),
+    "momentum": (robot.KIND_MOMENTUM, 0, None, True),
 }
 CONTROLLER = "state_feedback"
 FRAME = robot.FRAME
@@ -56,6 +57,8 @@ def _estimator(p, name, config, model, dt_s) -> None:
         measurement = [gyro] * 3 + [encoder] * 3 + [accelerometer] * 2
         noise(p.ekf.noise, config, process, measurement, e.initial_covariance, mbbr_ekf.STATES, dt_s)
         p.ekf.model = mbbr_yaw.coefficients(model[0], variant or config.model.variant)[0]
+    elif kind == robot.KIND_MOMENTUM:
+        momentum_observer.configure(p.momentum, model[0], dt_s, gyro, encoder, e.gate_sigma, config.imu.gyro_delay_s)
     else:
         process = e.kf_process_noise
         measurement = [gyro] * 2 + [encoder] * 2 + [accelerometer] * 2

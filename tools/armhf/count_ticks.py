@@ -1,6 +1,6 @@
-"""The program whose instructions tools/test-armhf counts: `count_ticks.py ekf|tick|PART|choices-ROBOT N`.
+"""The program whose instructions tools/test-armhf counts: `count_ticks.py ekf|momentum|tick|PART|choices-ROBOT N`.
 
-ekf: N steps of the compiled extended Kalman filter alone; tick: N whole ticks of the control loop; PART: see mip_rt.lab.costs. The cost of one is the
+ekf, momentum: N steps of that compiled filter alone; tick: N whole ticks of the control loop; PART: see mip_rt.lab.costs. The cost of one is the
 difference of two counted runs with different N, divided by the difference of N: start-up and compilation cancel out. choices-ROBOT: see
 mip_rt.lab.choices, which marks its parts itself.
 """

@@ -27,7 +27,7 @@ EXPLAINED = {
     "yaw rate; calibrated so that the 1 Hz speed error comes near the published 19 cm/s",
     "everything else": "shipped MBBR (config/mbbr.yaml): sensor noise (6.23), friction (5.3), drive/coast bridges, battery, DMP lag and noise",
 }
-ESTIMATORS = {"ekf_printed": "EKF (printed digits)", "ekf": "EKF (corrected)", "kf": "KF", "dmp_kf": "DMP"}
+ESTIMATORS = {"ekf_printed": "EKF (printed digits)", "ekf": "EKF (corrected)", "kf": "KF", "dmp_kf": "DMP", "momentum": "momentum (ours)"}
 
 
 def _levels(rates_hz) -> str:
