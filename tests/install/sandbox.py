@@ -51,7 +51,8 @@ class Sandbox:
     def run(self, *command, code=0, wrapped=()) -> str:
         """Output and messages of a command in there, which must end with this code."""
         result = subprocess.run(
-            [*self._enter, *wrapped, "chroot", f"{self.folder}/root", "env", "-i", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", "HOME=/nonexistent", *map(str, command)],
+            [*self._enter, *wrapped, "chroot", f"{self.folder}/root", "env", "-i", "PATH=/usr/sbin:/usr/bin:/sbin:/bin", "HOME=/nonexistent",
+             *map(str, command)],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
         )  # fmt: skip
         assert result.returncode == code, result.stdout
