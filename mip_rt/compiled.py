@@ -6,6 +6,8 @@ compiled code, of numba's version and of the CPU; any edit leads to a new, empty
 which importing this module ensures: nothing else in mip-rt imports numba.
 """
 
+import atexit
+import contextlib
 import ctypes
 import hashlib
 import importlib.metadata
@@ -17,6 +19,8 @@ import warnings
 from pathlib import Path
 
 PACKAGE = Path(__file__).parent
+CORTEX_A8 = "cortex-a8"  # the BeagleBone's processor
+SERVICE_CACHE = Path("/var/cache/mip-rt")  # CacheDirectory= of systemd/mip-rt.service
 # Every file in these may be compiled, or holds constants and record types that compiled code freezes.
 SOURCES = (
     "compiled.py", "frame.py", "guard_words.py", "inputs.py", "log/commit.py", "remote/dead_man.py", "models", "estimators", "controllers", "robots",
@@ -51,7 +55,7 @@ def cpu_name() -> str:
     if named:
         return named
     if platform.machine().startswith("armv7"):
-        return "cortex-a8"
+        return CORTEX_A8
     import llvmlite.binding
 
     return llvmlite.binding.get_host_cpu_name()
@@ -64,10 +68,12 @@ def machine_type() -> dict:
     """
     import llvmlite.binding
 
-    try:
-        features = llvmlite.binding.get_host_cpu_features().flatten()
-    except RuntimeError:  # LLVM cannot tell on some ARM kernels; numba then uses the CPU's name alone
-        features = ""
+    features = os.environ.get("NUMBA_CPU_FEATURES")
+    if features is None:
+        try:
+            features = llvmlite.binding.get_host_cpu_features().flatten()
+        except RuntimeError:  # LLVM cannot tell on some kernels; numba then uses the CPU's name alone
+            features = ""
     return {
         "machine": platform.machine(),
         "cpu": cpu_name(),
@@ -79,11 +85,21 @@ def machine_type() -> dict:
 
 
 def cache_root() -> Path:
-    """Where compiled code is kept: $MIP_RT_CACHE, the service's cache folder, or the user's."""
+    """Where compiled code is kept: $MIP_RT_CACHE, the service's cache folder, which root shares with it, or the user's."""
     for variable in ("MIP_RT_CACHE", "CACHE_DIRECTORY"):
         if os.environ.get(variable):
             return Path(os.environ[variable])
+    if os.geteuid() == 0 and SERVICE_CACHE.is_dir():
+        return SERVICE_CACHE
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mip-rt"
+
+
+def hand_over(folder: Path, owner: os.stat_result) -> None:
+    """Gives what root has compiled to the owner of the cache, who could not keep anything beside it otherwise."""
+    for path in (folder, *folder.rglob("*")):
+        with contextlib.suppress(OSError):
+            if path.stat().st_uid == 0:
+                os.chown(path, owner.st_uid, owner.st_gid)
 
 
 def prepare() -> Path | None:
@@ -95,6 +111,10 @@ def prepare() -> Path | None:
         raise RuntimeError("numba was imported before mip_rt.compiled: its cache could hold code of older sources")
     cpu = cpu_name()
     os.environ.setdefault("NUMBA_CPU_NAME", cpu)
+    if cpu == CORTEX_A8:
+        # What this processor has follows from its name. The kernel's list would add what a newer one has, and code kept for one
+        # would not be found on the other.
+        os.environ.setdefault("NUMBA_CPU_FEATURES", "")
     key = hashlib.sha256(
         f"{source_hash()} {importlib.metadata.version('numba')} {cpu} {sys.version}".encode()
     ).hexdigest()[:16]
@@ -111,6 +131,9 @@ def prepare() -> Path | None:
         )
         return None
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
+    owner = folder.parent.stat()
+    if os.geteuid() == 0 and owner.st_uid != 0:
+        atexit.register(hand_over, folder, owner)
     return folder
 
 

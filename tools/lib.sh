@@ -126,7 +126,9 @@ make_environment() {
 # The packages of Debian 12, which are what the robot runs. system_python is the interpreter that has them.
 system_python=/usr/bin/python3
 core_packages=(python3 python3-numba python3-numpy python3-smbus2 python3-yaml python3-serial)
-test_packages=("${core_packages[@]}" python3-pytest python3-hypothesis python3-matplotlib python3-scipy python3-plotly)
+# What puts the program into an environment of its own, without network.
+environment_packages=(python3-venv python3-setuptools python3-wheel)
+test_packages=("${core_packages[@]}" "${environment_packages[@]}" python3-pytest python3-hypothesis python3-matplotlib python3-scipy python3-plotly)
 
 # ensure_packages REASON PACKAGE...: installs those that are missing.
 ensure_packages() {

@@ -14,6 +14,7 @@ from mip_rt.fake.gpio import FakeGpio
 from mip_rt.fake.machine import Machine
 from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256
 from mip_rt.fake.virtual_guard import VirtualGuard
+from mip_rt.guard_words import NEWEST
 from mip_rt.hardware.boards import GPIO
 from mip_rt.hardware.devices import open_devices
 from mip_rt.hardware.kernel import Kernel
@@ -121,7 +122,7 @@ def one(seed: int) -> dict:
             open_devices(*arguments).close()
         except MipRtError as error:
             result["broken"].append(f"the clean retry failed: {error}")
-        if kernel.gpio.line_value(*line) or guard._request & 1:
+        if kernel.gpio.line_value(*line) or guard.memory[NEWEST] & 1:
             result["broken"].append("the enable line was asked to be high")
         return result
     finally:

@@ -168,3 +168,32 @@ def test_stalls_are_real_in_real_time(tmp_path):
     assert 0.1 <= time.monotonic() - begin
     assert bench.world.samples >= 19
     bench.close()
+
+
+@pytest.mark.slow
+def test_a_machine_too_slow_for_the_world_can_still_be_stopped():
+    """Prevents a dry run that hangs in its own world, because each of its samples takes longer than 5 ms: the wait must come back."""
+    from mip_rt.fake import bench as fake_bench
+    from mip_rt.fake.kernel import CATCH_UP
+    from mip_rt.hardware.devices import open_devices
+
+    config = make_config()
+    bench = fake_bench.build(config, scenarios.load("hold"), 1, True)
+    bench.kernel.power_on()
+    devices = open_devices(bench.kernel, config, bench.guard, None, (bench.image_path, bench.image_sha256))
+    advance = bench.world.advance
+
+    def slowly(duty, enabled):
+        time.sleep(0.01)
+        advance(duty, enabled)
+
+    bench.world.advance = slowly
+    for _ in range(3):
+        before = bench.world.samples
+        while devices.imu_line.read() is not None:
+            pass
+        assert bench.kernel.wait_readable(devices.imu_line.fd, 0.03)
+        assert bench.world.samples - before <= CATCH_UP + 1
+    assert bench.world.samples > CATCH_UP  # it had fallen behind by more
+    devices.close()
+    bench.close()

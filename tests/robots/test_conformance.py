@@ -26,13 +26,16 @@ def recordings(tmp_path_factory):
     """{robot: (n,) rows} of a robot that stands."""
     found = {}
     for name in robots.NAMES:
-        with DryRun(tmp_path_factory.mktemp(name), make_config(name, estimator__shadows="[]")) as dry:
+        with DryRun(tmp_path_factory.mktemp(name), make_config(name, estimator__shadows="[]", dry_run__gyro_bias_rad_s="[0, 0, 0]")) as dry:
             dry.until(lambda: dry.session.supervisor.drive_scale >= 1.0)
             for _ in range(500):
                 dry.session.loop.tick()
             ring, last = dry.session.ring, dry.session.loop.ticks
             rows = np.array([ring.rows[k % ring.capacity] for k in range(last - 300, last)])
-        found[name] = np.concatenate([rows, rows[-2:0:-1]])
+        back = rows[-2:0:-1].copy()
+        rates = back["imu_packet"][:, 22:28].copy().view(">i2")  # what goes back turns the other way
+        back["imu_packet"][:, 22:28] = (-rates).astype(">i2").view(np.uint8)
+        found[name] = np.concatenate([rows, back])
     return found
 
 

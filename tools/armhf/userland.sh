@@ -36,23 +36,28 @@ mount_userland() {
 # inside COMMAND...: runs it in the userland, in the copy of the checkout.
 inside() { chroot "$userland" /usr/bin/env -i -C /mip-rt "${userland_settings[@]}" "$@"; }
 
-# build_userland: makes it where it is not complete. Some minutes the first time, a second later.
+# bootstrap_userland: a minimal Debian 12 for 32-bit ARM, where there is none yet. About 3 minutes.
+bootstrap_userland() {
+  local mirror
+  if [ -x "$userland/usr/bin/dpkg-query" ] && [ ! -d "$userland/debootstrap" ]; then return; fi
+  mirror=$(debian_mirror)
+  say "building a Debian 12 armhf userland in $userland (about 5 minutes, 1 GB)"
+  # A build that was cut short cannot be continued. Nothing is mounted there: this namespace is new.
+  rm -rf --one-file-system "$userland"
+  mkdir -p "$userland"
+  quietly "debootstrap, stage 1" debootstrap --arch=armhf --variant=minbase --foreign bookworm "$userland" "$mirror" || fail "no userland"
+  cp "$(command -v qemu-arm-static)" "$userland/usr/bin/"
+  mkdir -p "$userland/etc/apt/apt.conf.d" "$userland/etc/ssl/certs"
+  quietly "debootstrap, stage 2" chroot "$userland" /debootstrap/debootstrap --second-stage || fail "no userland"
+  echo "deb $mirror bookworm main" >"$userland/etc/apt/sources.list"
+  # How this machine reaches the mirror (proxies, checks) holds inside too.
+  apt-config dump | grep -E '^Acquire::(http|https|Check|Retries)' >"$userland/etc/apt/apt.conf.d/90mip-rt" || true
+}
+
+# build_userland: with the packages that it needs. Some minutes the first time, a second later.
 build_userland() {
-  local mirror package packages missing=() started=$SECONDS
-  if [ ! -x "$userland/usr/bin/dpkg-query" ] || [ -d "$userland/debootstrap" ]; then
-    mirror=$(debian_mirror)
-    say "building a Debian 12 armhf userland in $userland (about 5 minutes, 1 GB)"
-    # A build that was cut short cannot be continued. Nothing is mounted there: this namespace is new.
-    rm -rf --one-file-system "$userland"
-    mkdir -p "$userland"
-    quietly "debootstrap, stage 1" debootstrap --arch=armhf --variant=minbase --foreign bookworm "$userland" "$mirror" || fail "no userland"
-    cp "$(command -v qemu-arm-static)" "$userland/usr/bin/"
-    mkdir -p "$userland/etc/apt/apt.conf.d" "$userland/etc/ssl/certs"
-    quietly "debootstrap, stage 2" chroot "$userland" /debootstrap/debootstrap --second-stage || fail "no userland"
-    echo "deb $mirror bookworm main" >"$userland/etc/apt/sources.list"
-    # How this machine reaches the mirror (proxies, checks) holds inside too.
-    apt-config dump | grep -E '^Acquire::(http|https|Check|Retries)' >"$userland/etc/apt/apt.conf.d/90mip-rt" || true
-  fi
+  local package packages missing=() started=$SECONDS
+  bootstrap_userland
   mkdir -p "$userland/mip-rt"
   mount_userland
   packages=$(inside dpkg-query --show --showformat '${Package} ${db:Status-Status}\n')
