@@ -398,4 +398,4 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
         s.applied[i] = applied
     row.limits = limits
     row.alarms = alarms
-    return row.imu_status << frame.STATUS_AT | limits << frame.LIMITS_AT | alarms << frame.ALARMS_AT
+    return row.imu_status << frame.STATUS_AT | row.limits << frame.LIMITS_AT | row.alarms << frame.ALARMS_AT  # fields: 64 bits on any machine
