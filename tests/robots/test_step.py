@@ -63,6 +63,18 @@ def test_every_output_is_written_in_every_tick(config):
         assert clean[name][slots].tobytes() == dirty[name][slots].tobytes(), name
 
 
+def test_a_step_returns_its_conditions(config):
+    """On 32-bit ARM a plain integer has 32 bits: alarms, which begin at bit 44, and the higher limits would be lost, and the robot would run on."""
+    robot = build(config)
+    rows = inputs(robot.layout)
+    robot.attach(rows)
+    for index in range(TICKS):
+        row = rows[index]
+        found = robot.step(index)
+        assert found == int(row["imu_status"]) << frame.STATUS_AT | int(row["limits"]) << frame.LIMITS_AT | int(row["alarms"]) << frame.ALARMS_AT
+    assert rows["alarms"].any() and rows["limits"].max() >= 1 << 12
+
+
 def test_step_changes_no_input(config):
     """An input that the step overwrote would be recorded as what it became, and replay from there."""
     robot = build(config)
