@@ -67,6 +67,7 @@ def test_a_step_returns_its_conditions(config):
     """On 32-bit ARM a plain integer has 32 bits: alarms, which begin at bit 44, and the higher limits would be lost, and the robot would run on."""
     robot = build(config)
     rows = inputs(robot.layout)
+    rows["edge_ns"] = 1 + 50_000_000 * np.arange(TICKS)  # a tenth of the rate
     robot.attach(rows)
     for index in range(TICKS):
         row = rows[index]
