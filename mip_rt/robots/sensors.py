@@ -129,14 +129,20 @@ def _read_quaternion(p, s, packet):
 
 
 @njit
+def finite_bias(row):
+    """The gyro's bias is a number: the packet's words are integers, so nothing else of the IMU can be none."""
+    bias = row.gyro_bias_rad_s
+    return abs(bias[0] + bias[1] + bias[2]) < math.inf
+
+
+@njit
 def read_imu(p, s, row):
     """Fills quaternion, attitude, gyro and acceleration of the row; returns True where they are fresh and plausible.
 
     Over a lost packet the attitude is carried on by the last body rates, so that neither the gap nor its end is a step.
     """
     packet = row.imu_packet
-    bias = row.gyro_bias_rad_s
-    fresh = (row.imu_status & IMU_USABLE) != 0 and abs(bias[0] + bias[1] + bias[2]) < math.inf  # words are integers: only a bias can be NaN
+    fresh = (row.imu_status & IMU_USABLE) != 0 and finite_bias(row)
     if fresh and p.source == DMP:
         fresh = _read_quaternion(p, s, packet)
     if fresh:
@@ -197,6 +203,8 @@ def step(p, s, row):
     limits = 0
     if not read_imu(p, s, row):
         limits |= frame.LIMIT_IMU_MISSING
+    if not finite_bias(row):
+        limits |= frame.LIMIT_NOT_FINITE
     if not read_wheels(p, s, row):
         limits |= frame.LIMIT_ENCODER_JUMP
     return limits

@@ -368,7 +368,7 @@ def test_unhealthy_covariance(balancing, poison):
 
     def poisoned(index):
         balancing.session.robot.estimator_states[0].filter.P[5, 5] = poison * 1e6
-        step(index)
+        return step(index)
 
     balancing.session.robot.step = poisoned
     took = balancing.until(lambda: balancing.state is State.FAULT, 0.1)

@@ -100,7 +100,7 @@ static void multiply(double (*restrict t)[W], double (*restrict A)[W], double dt
 
 void ekf_step(EkfParameters *p, Filter *s, const double *u, const double *y, int64_t valid)
 {
-    double *x = s->x, (*P)[W] = s->P, *dx = s->dx, *gain = s->gain;
+    double *x = s->x, (*P)[W] = s->P, *dx = s->dx, *gain = s->product[0];
     s->status = 0;
     jacobian(x, u, &p->model, s->A);
     derivative(x, u, &p->model, dx);

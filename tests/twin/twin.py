@@ -7,15 +7,16 @@ from pathlib import Path
 import numpy as np
 
 from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
-from mip_rt.estimators import attitude, ekf, mbbr_ekf, mbbr_kf, odometry
-from mip_rt.models import mbbr_yaw
+from mip_rt.estimators import attitude, ekf, mbbr_ekf, mbbr_kf, momentum_observer, odometry
+from mip_rt.models import mbbr_momentum, mbbr_yaw
 from mip_rt.robots import health, mbbr, mbbr_frame, mbbr_sensors, onboard
 
 RECORDS = {
     "Noise": ekf.NOISE, "Filter": ekf.STATE, "AttitudeFilterP": attitude.PARAMETERS,
     "AttitudeFilterS": attitude.STATE, "AttitudeP": onboard.PARAMETERS, "AttitudeS": onboard.STATE,
     "Coefficients": mbbr_yaw.COEFFICIENTS, "EkfParameters": mbbr_ekf.PARAMETERS,
-    "KfModel": mbbr_kf.MODEL, "KfParameters": mbbr_kf.PARAMETERS, "SensorsP": mbbr_sensors.PARAMETERS,
+    "KfModel": mbbr_kf.MODEL, "KfParameters": mbbr_kf.PARAMETERS, "MomentumModel": mbbr_momentum.PARAMETERS,
+    "MomentumP": momentum_observer.PARAMETERS, "SensorsP": mbbr_sensors.PARAMETERS,
     "SensorsS": mbbr_sensors.STATE, "ReferenceP": reference.PARAMETERS, "ReferenceS": reference.STATE,
     "ScheduleP": gain_schedule.PARAMETERS, "ScheduleS": gain_schedule.STATE, "FeedbackP": state_feedback.PARAMETERS,
     "FeedbackS": state_feedback.STATE, "OdometryS": odometry.STATE, "DriveP": wheel_drive.PARAMETERS, "SpinDownP": spin_down.PARAMETERS,
