@@ -1,7 +1,7 @@
 """What is known at the beginning of a tick, written into its row by one compiled call: times, supervisor, sensors, remote; and the heartbeat.
 
-Each driver keeps what it has found in a record of its own; here the records' addresses come together. In Python the same took a quarter of the
-tick's instructions on the robot.
+Each driver keeps what it has found in a record of its own; here the records' addresses come together. In Python the same took 17,800 ARM
+instructions a tick, here it takes 4,700 (`tools/test-armhf parts`).
 """
 
 from functools import partial
