@@ -56,7 +56,12 @@ class Ring:
             path.parent.mkdir(parents=True, exist_ok=True)
             path.unlink(missing_ok=True)  # whoever has an older file of this name mapped keeps it whole
             handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
-            os.ftruncate(handle, geometry.size)
+            try:
+                os.posix_fallocate(handle, 0, geometry.size)  # a file with holes kills who writes to its mapping once the file system is full
+            except OSError:
+                os.close(handle)
+                path.unlink()
+                raise
         except OSError as error:
             raise LogError(
                 f"the log {path} cannot be created: {error.strerror}.", "Name another folder with --log.", "log_create"

@@ -1,6 +1,7 @@
 """The ring: self-describing, ordered, torn rows recognised, damage reported."""
 
 import lzma
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -184,6 +185,20 @@ def test_log_of_version_1_is_read(tmp_path):
 def test_unwritable_folder_is_a_refusal():
     with pytest.raises(LogError, match="cannot be created"):
         Ring(Path("/proc/nowhere/a.ring"), FRAME, 4, {})
+
+
+def test_a_full_file_system_is_a_refusal_not_a_crash(tmp_path):
+    """A sparse file would take the loop down by SIGBUS at its first row."""
+    mount = ["mount", "-t", "tmpfs", "-o", "size=64k", "mip-rt-test", str(tmp_path)]
+    if subprocess.run(mount, capture_output=True, check=False).returncode:
+        pytest.skip("no right to mount a small file system")
+    try:
+        with pytest.raises(LogError, match="No space left"):
+            Ring(tmp_path / "a.ring", FRAME, 2000, header(LAYOUT, ""))
+        assert not list(tmp_path.iterdir())
+        Ring(tmp_path / "b.ring", FRAME, 4, header(LAYOUT, "")).close()
+    finally:
+        subprocess.run(["umount", "-l", str(tmp_path)], check=True)
 
 
 def test_every_field_has_unit_and_meaning():
