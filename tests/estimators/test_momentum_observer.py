@@ -214,6 +214,7 @@ IMPERFECT = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 def test_in_control_of_an_imperfect_robot_it_beats_all_others():
     """Same samples for all; the margins are far inside of what was measured (`mip-rt bench beyond`)."""
     others = "[ekf, ekf_printed, dmp_kf, dmp_ekf]"
