@@ -17,7 +17,7 @@ from mip_rt.hardware.kernel import Kernel
 
 SAMPLE_NS = 5_000_000
 FALLING = 2
-CATCH_UP = 50  # samples that may pass unseen in one wait: a machine too slow for the world keeps its loop alive, which can be stopped
+CATCH_UP_S = 0.2  # one wait may make up for lost samples so long: a machine too slow for the world keeps its loop alive, which can be stopped
 
 
 class FakeKernel(Kernel):
@@ -84,10 +84,11 @@ class FakeKernel(Kernel):
             if self._next_ns > deadline_ns:
                 self.wait_until(deadline_ns)
                 return bool(self._poll.poll(0))
-            fell, late = self._sample(), 0
-            while self._real and self._next_ns <= time.monotonic_ns() and late < CATCH_UP:
-                fell |= self._sample()  # the loop was late: these edges came in the meantime
-                late += 1
+            fell = self._sample()
+            if self._real:
+                give_up_ns = time.monotonic_ns() + round(CATCH_UP_S * 1e9)
+                while self._next_ns <= time.monotonic_ns() < give_up_ns:
+                    fell |= self._sample()  # the loop was late: these edges came in the meantime
             if fell and fd == self.gpio.event_fd(*self.imu_line) or self._poll.poll(0):
                 return True
 
