@@ -136,8 +136,7 @@ class Session:
                 self.scheduling = realtime.Scheduling(gc_frozen=True)
             self.prearm.scheduling = self.scheduling
             if kernel.wait_readable(self.devices.imu_line.fd, self.config.limits.imu_silence_s):
-                while self.devices.imu_line.read() is not None:
-                    pass  # interrupts of the bring-up are not missed ticks
+                self.devices.imu_line.forget()  # interrupts of the bring-up are not missed ticks
             end_ns = kernel.monotonic_ns() + round(min(duration_s, 1e8) * 1e9)
             silent = 0
             begin_s = time.perf_counter()

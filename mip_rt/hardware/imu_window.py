@@ -55,8 +55,7 @@ def collect(kernel, imu, line, settings, seconds: float, rate_hz: float) -> Wind
         settings: the configuration's imu section, for the scales.
         rate_hz: expected rate: bounds the window also in packets.
     """
-    while line.read() is not None:
-        pass  # interrupts from before the window
+    line.forget()  # interrupts from before the window
     edges, rows, status = [], [], {}
     missed = silences = 0
     end_ns = kernel.monotonic_ns() + round(seconds * 1e9)

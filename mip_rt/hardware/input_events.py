@@ -50,6 +50,12 @@ class InputEvents:
         count = self.take()
         return (int(self.state["timestamp_ns"][0]), int(self.state["edge"][0]), count) if count else None
 
+    def forget(self) -> None:
+        """Reads all that is waiting; neither that nor what the buffer has dropped until the next event counts as missed."""
+        while self.take():
+            pass
+        self.state["sequence"] = -1
+
     def close(self) -> None:
         """Releases the line."""
         os.close(self.fd)

@@ -23,7 +23,7 @@ STATE = np.dtype(
         ("timestamp_ns", "i8"),  # of the newest event
         ("edge", "i8"),  # its kind
         ("count", "i8"),  # events since the last read that found any, the dropped ones included
-        ("sequence", "i8"),  # the kernel's number of the newest event (version 2)
+        ("sequence", "i8"),  # the kernel's number of the newest event (version 2); -1: what was dropped until the next one does not count
         ("missed", "i8"),  # events that the kernel's buffer dropped
         ("events", "u4", (BUFFERED * _WORDS,)),
     ],
@@ -49,8 +49,9 @@ def take(state_at):
     if s.event_bytes == _LONGEST:
         sequence = np.int64(s.events[at + 4])
         dropped = (sequence - s.sequence - count) & 0xFFFFFFFF
+        known = s.sequence >= 0
         s.sequence = sequence
-        if dropped < 0x80000000:
+        if known and dropped < 0x80000000:
             s.missed += dropped
             count += dropped
     s.count = count

@@ -166,6 +166,20 @@ def test_dropped_events_are_counted_by_sequence(newest):
     assert line.read() == (9, 2, 5) and line.missed == 4
 
 
+def test_what_was_before_the_beginning_is_not_missed(newest):
+    """The interrupts of the bring-up, more than the kernel's buffer holds, would make the first tick the hundredth."""
+    line = InputEvents(newest, GPIO[3], 21, "falling", "test")
+    for moment in (1, 2, 3):
+        newest.gpio.push_edge(GPIO[3], 21, moment, 2)
+    line.forget()
+    newest.gpio._events[GPIO[3], 21].sequence += 90
+    newest.gpio.push_edge(GPIO[3], 21, 9, 2)
+    assert line.read() == (9, 2, 1) and line.missed == 0
+    newest.gpio._events[GPIO[3], 21].sequence += 1
+    newest.gpio.push_edge(GPIO[3], 21, 10, 2)
+    assert line.read() == (10, 2, 2) and line.missed == 1
+
+
 def test_a_taken_line_is_refused_with_a_cure(kernel):
     first = OutputLines(kernel, GPIO[0], (20,), 0, "one")
     with pytest.raises(GpioError) as caught:
