@@ -89,6 +89,15 @@ def pattern(rows) -> Pattern:
     return Pattern(start, np.array([c for columns in listed for c in columns], dtype=INDEX))
 
 
+def init(noise, n, x0, P0):
+    """A record of STATE with x = x0 (n,) and P = diag(P0) (n,); the noise's initial variances are replaced by P0."""
+    state = np.zeros(1, STATE).view(np.recarray)[0]
+    noise.P0[:n] = P0
+    reset(state, noise, n)
+    state.x[:n] = x0
+    return state
+
+
 @njit
 def reset(state, noise, n):
     """Forgets everything: x = 0, P = diag(P0), counters zero. The caller then writes what it knows into state.x."""

@@ -25,16 +25,8 @@ PARAMETERS = np.dtype([("noise", ekf.NOISE), ("model", mbbr_yaw.COEFFICIENTS)], 
 
 
 def init(p, x0, P0):
-    """A filter state with x = x0 (13,) and P = diag(P0) (13,), as a one-element record array's record.
-
-    Args:
-        p: record of PARAMETERS (its initial variances are replaced by P0).
-    """
-    state = np.zeros(1, ekf.STATE).view(np.recarray)[0]
-    p.noise.P0[:STATES] = P0
-    ekf.reset(state, p.noise, STATES)
-    state.x[:STATES] = x0
-    return state
+    """A filter state with x = x0 (13,) and P = diag(P0) (13,)."""
+    return ekf.init(p.noise, STATES, x0, P0)
 
 
 @njit

@@ -24,11 +24,7 @@ PARAMETERS = np.dtype([("noise", ekf.NOISE), ("model", mip_yaw.COEFFICIENTS)], a
 
 def init(p, x0, P0):
     """A filter state with x = x0 (6,) and P = diag(P0) (6,)."""
-    state = np.zeros(1, ekf.STATE).view(np.recarray)[0]
-    p.noise.P0[:STATES] = P0
-    ekf.reset(state, p.noise, STATES)
-    state.x[:STATES] = x0
-    return state
+    return ekf.init(p.noise, STATES, x0, P0)
 
 
 @njit

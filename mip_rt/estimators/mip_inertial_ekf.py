@@ -88,11 +88,7 @@ def configure(p, dt_s: float, lever_m, wheel_radius_m: float, gyro_delay_s: floa
 
 def init(p, x0, P0):
     """A filter state with x = x0 (7,) and P = diag(P0) (7,)."""
-    state = np.zeros(1, ekf.STATE).view(np.recarray)[0]
-    p.noise.P0[:STATES] = P0
-    ekf.reset(state, p.noise, STATES)
-    state.x[:STATES] = x0
-    return state
+    return ekf.init(p.noise, STATES, x0, P0)
 
 
 @njit

@@ -37,11 +37,7 @@ def configure_model(model, coefficients) -> None:
 
 def init(p, x0, P0):
     """A filter state with x = x0 (4,) and P = diag(P0) (4,)."""
-    state = np.zeros(1, ekf.STATE).view(np.recarray)[0]
-    p.noise.P0[:STATES] = P0
-    ekf.reset(state, p.noise, STATES)
-    state.x[:STATES] = x0
-    return state
+    return ekf.init(p.noise, STATES, x0, P0)
 
 
 @njit

@@ -27,11 +27,7 @@ H_START, H_COLUMNS = ekf.pattern([(0, (1,)), (1, (0, 2)), (2, (0, 1))])
 
 def init(p, x0, P0):
     """A filter state with x = x0 (3,) and P = diag(P0) (3,)."""
-    state = np.zeros(1, ekf.STATE).view(np.recarray)[0]
-    p.noise.P0[:STATES] = P0
-    ekf.reset(state, p.noise, STATES)
-    state.x[:STATES] = x0
-    return state
+    return ekf.init(p.noise, STATES, x0, P0)
 
 
 @njit

@@ -128,7 +128,7 @@ def render(found: dict) -> str:
         cells = [f"{1e3 * row[name][0]:.2g} / {row[name][1]:.2g}" for row in found["errors"].values()]
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     cells = [f"{100 * lean:.0f} % / {100 * rate:.0f} %" for lean, rate in found["margins"].values()]
-    lines += [f"| {OURS} against the best of the first five others, worst draw | " + " | ".join(cells) + " |", ""]
+    lines += [f"| `{OURS}` against the best of the five shipped, worst draw | " + " | ".join(cells) + " |", ""]
     for condition, result in found["alone"].items():
         lines.append(
             f"{OURS} in control, {condition}, {ALONE_S - 2.5:g} s: {result['fell']} of {found['draws']} fell, lean at most "

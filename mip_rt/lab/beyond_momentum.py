@@ -12,7 +12,6 @@ from mip_rt.models import mbbr_momentum
 from mip_rt.robots import mbbr_setup
 
 
-
 @njit
 def _momentum(p, state, y, lean, force, lean_variance, force_variance, radius_m, height_m, gravity_m_s2, out):
     x, P = state.filter.x[: momentum_observer.STATES], state.filter.P

@@ -10,10 +10,10 @@ import numpy as np
 
 from mip_rt import frame
 from mip_rt.compiled import njit, numba, record_array
-from mip_rt.controllers import mip_drive, mip_feedback, mip_reference, pid, successive_loop, wheel_drive
+from mip_rt.controllers import mip_drive, mip_feedback, mip_reference, pid, successive_loop
 from mip_rt.estimators import complementary, complementary_kf, ekf, mip_ekf, mip_planar_kf
+from mip_rt.robots import battery, edumip_sensors, health, limit_bits, onboard, sensors
 from mip_rt.robots import edumip_imu_slots as imu_slots
-from mip_rt.robots import edumip_sensors, health, onboard, sensors
 from mip_rt.robots.edumip_frame import FRAME
 
 KIND_EKF, KIND_PLANAR, KIND_COMPLEMENTARY, KIND_COMPLEMENTARY_KF, KIND_DMP = 0, 1, 2, 3, 4
@@ -191,14 +191,7 @@ def _run_estimators(s, ep, es, row, valid, fresh_start):
             _reset_estimator(pe, se, row)
         _estimate(pe, se, row, slot)
         if slot == 0:
-            if flags & (ekf.REJECTED | ekf.REACCEPTED):
-                limits |= frame.LIMIT_INNOVATION_REJECTED
-            if flags & ekf.NOT_FINITE:
-                limits |= frame.LIMIT_NOT_FINITE
-            if flags & ekf.UNHEALTHY:
-                limits |= frame.LIMIT_ESTIMATOR_RESET
-            if flags & ekf.BOUNDED:
-                limits |= frame.LIMIT_COVARIANCE_BOUNDED
+            limits = limit_bits.of_filter(flags)
     control = es[0].filter
     for i in range(8):
         row.state_estimate[i] = control.x[i]
@@ -206,20 +199,6 @@ def _run_estimators(s, ep, es, row, valid, fresh_start):
     for i in range(4):
         row.innovation[i] = control.innovation[i]
     return limits
-
-
-@njit
-def _battery(p, s, row):
-    """Voltage to scale with: the smoothed reading, the last good one for 2 s, then nominal; returns limit bits."""
-    reading = row.battery_v
-    if reading > 0.0 and reading < math.inf:
-        s.battery_v += (1.0 - p.battery_pole) * (reading - s.battery_v)
-        s.battery_unknown = 0
-        return 0
-    s.battery_unknown += 1
-    if s.battery_unknown >= p.battery_hold_ticks:
-        s.battery_v = p.nominal_voltage_v
-    return frame.LIMIT_BATTERY_UNKNOWN
 
 
 @njit
@@ -259,17 +238,12 @@ def _control(p, s, row):
         for i in range(mip_feedback.GAINS):
             row.gains[i] = s.feedback.gains[i]
     mip_drive.friction_add(p.drive, estimate[4], estimate[5], row.command_friction)
-    limits |= _battery(p, s, row)
+    limits |= battery.step(p, s, row)
     bits = mip_drive.step(
         p.drive, row.command_feedback, row.command_friction, row.drive_scale, row.wheel_rate_rad_s, s.battery_v, row.command_wheel,
         row.command_applied, row.duty, row.duty_ns,
     )  # fmt: skip
-    if bits & wheel_drive.CLIPPED:
-        limits |= frame.LIMIT_WHEEL_SATURATED
-    if bits & wheel_drive.CURRENT_SATURATED:
-        limits |= frame.LIMIT_COAST_SATURATED
-    if bits & wheel_drive.NOT_FINITE:
-        limits |= frame.LIMIT_DUTY_REFUSED | frame.LIMIT_NOT_FINITE
+    limits |= limit_bits.of_drive(bits)
     row.reference_velocity_rad_s = ref.wheel_rate_rad_s
     row.reference_angle_rad = ref.wheel_rad
     row.reference_yaw_rad[0] = ref.yaw_rad
@@ -386,10 +360,7 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
         for slot in range(len(estimator_parameters)):
             _measured(row, row.estimates[slot])
             row.estimator_flags[slot] = 0
-        if not row.battery_v > 0.0:
-            limits |= frame.LIMIT_BATTERY_UNKNOWN
-        s.battery_v = p.nominal_voltage_v if limits & frame.LIMIT_BATTERY_UNKNOWN else row.battery_v
-        s.battery_unknown = p.battery_hold_ticks if limits & frame.LIMIT_BATTERY_UNKNOWN else 0
+        limits |= battery.rest(p, s, row)
     for i in range(2):
         applied = row.command_applied[i]
         if not abs(applied) < math.inf:

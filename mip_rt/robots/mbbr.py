@@ -13,7 +13,7 @@ from mip_rt import frame
 from mip_rt.compiled import njit, numba, record_array
 from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
 from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf, momentum_observer, odometry
-from mip_rt.robots import health, mbbr_sensors, onboard, sensors
+from mip_rt.robots import battery, health, limit_bits, mbbr_sensors, onboard, sensors
 from mip_rt.robots.mbbr_frame import FRAME
 
 KIND_EKF = 0
@@ -70,10 +70,8 @@ ESTIMATOR_PARAMETERS = np.dtype(
     ],
     align=True,
 )
-# From gyro_rad_s on a momentum_observer.STATE; the other kinds use its filter alone.
-ESTIMATOR_STATE = np.dtype(
-    [("ball_angle_rad", "f8", (2,)), ("gyro_rad_s", "f8", (3,)), ("rate_rad_s", "f8", (3,)), ("spin_rad_s", "f8"), ("filter", ekf.STATE)], align=True
-)
+# After the ball angle a momentum_observer.STATE; the other kinds use its filter alone.
+ESTIMATOR_STATE = np.dtype([("ball_angle_rad", "f8", (2,)), *((name, kind[0]) for name, kind in momentum_observer.STATE.fields.items())], align=True)
 # Bytes of an estimator's record that the next tick reads (what follows is scratch), and those of them that hold the estimate.
 _FILTER = ESTIMATOR_STATE.fields["filter"][1]
 ESTIMATOR_PERSISTENT = _FILTER + ekf.PERSISTENT
@@ -178,14 +176,7 @@ def _run_estimators(p, s, ep, es, row, valid, fresh_start):
             _reset_estimator(pe, se, row)
         _estimate(pe, se, p, s.odometry, row, slot)
         if slot == 0:
-            if flags & (ekf.REJECTED | ekf.REACCEPTED):
-                limits |= frame.LIMIT_INNOVATION_REJECTED
-            if flags & ekf.NOT_FINITE:
-                limits |= frame.LIMIT_NOT_FINITE
-            if flags & ekf.UNHEALTHY:
-                limits |= frame.LIMIT_ESTIMATOR_RESET
-            if flags & ekf.BOUNDED:
-                limits |= frame.LIMIT_COVARIANCE_BOUNDED
+            limits = limit_bits.of_filter(flags)
     control = es[0].filter
     for i in range(16):
         row.state_estimate[i] = control.x[i]
@@ -193,20 +184,6 @@ def _run_estimators(p, s, ep, es, row, valid, fresh_start):
     for i in range(8):
         row.innovation[i] = control.innovation[i]
     return limits
-
-
-@njit
-def _battery(p, s, row):
-    """Voltage to scale with: the smoothed reading, the last good one for 2 s, then nominal; returns limit bits."""
-    reading = row.battery_v
-    if reading > 0.0 and reading < math.inf:
-        s.battery_v += (1.0 - p.battery_pole) * (reading - s.battery_v)
-        s.battery_unknown = 0
-        return 0
-    s.battery_unknown += 1
-    if s.battery_unknown >= p.battery_hold_ticks:
-        s.battery_v = p.nominal_voltage_v
-    return frame.LIMIT_BATTERY_UNKNOWN
 
 
 @njit
@@ -238,7 +215,7 @@ def _control(p, s, row):
     if spin_down.step(p.spin_down, s.spin_down, spinning, row.error):
         limits |= frame.LIMIT_SPIN_DOWN
     wheel_drive.friction_add(p.drive, estimate, row.command_friction)
-    limits |= _battery(p, s, row)
+    limits |= battery.step(p, s, row)
     bits = wheel_drive.step(
         p.drive,
         row.command_feedback,
@@ -251,12 +228,7 @@ def _control(p, s, row):
         row.duty,
         row.duty_ns,
     )
-    if bits & wheel_drive.CLIPPED:
-        limits |= frame.LIMIT_WHEEL_SATURATED
-    if bits & wheel_drive.CURRENT_SATURATED:
-        limits |= frame.LIMIT_COAST_SATURATED
-    if bits & wheel_drive.NOT_FINITE:
-        limits |= frame.LIMIT_DUTY_REFUSED | frame.LIMIT_NOT_FINITE
+    limits |= limit_bits.of_drive(bits)
     for i in range(2):
         row.reference_velocity_rad_s[i] = ref.rate_rad_s[i]
         row.reference_angle_rad[i] = ref.angle_rad[i]
@@ -387,10 +359,7 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
             for i in range(6, 10):
                 estimate[i] = 0.0
             row.estimator_flags[slot] = 0
-        if not row.battery_v > 0.0:
-            limits |= frame.LIMIT_BATTERY_UNKNOWN
-        s.battery_v = p.nominal_voltage_v if limits & frame.LIMIT_BATTERY_UNKNOWN else row.battery_v
-        s.battery_unknown = p.battery_hold_ticks if limits & frame.LIMIT_BATTERY_UNKNOWN else 0
+        limits |= battery.rest(p, s, row)
     for i in range(3):
         applied = row.command_applied[i]
         if not abs(applied) < math.inf:

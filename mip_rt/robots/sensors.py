@@ -129,20 +129,13 @@ def _read_quaternion(p, s, packet):
 
 
 @njit
-def finite_bias(row):
-    """The gyro's bias is a number: the packet's words are integers, so nothing else of the IMU can be none."""
-    bias = row.gyro_bias_rad_s
-    return abs(bias[0] + bias[1] + bias[2]) < math.inf
-
-
-@njit
-def read_imu(p, s, row):
+def read_imu(p, s, row, usable):
     """Fills quaternion, attitude, gyro and acceleration of the row; returns True where they are fresh and plausible.
 
     Over a lost packet the attitude is carried on by the last body rates, so that neither the gap nor its end is a step.
     """
     packet = row.imu_packet
-    fresh = (row.imu_status & IMU_USABLE) != 0 and finite_bias(row)
+    fresh = usable
     if fresh and p.source == DMP:
         fresh = _read_quaternion(p, s, packet)
     if fresh:
@@ -201,10 +194,12 @@ def read_wheels(p, s, row):
 def step(p, s, row):
     """Reads the row's raw sensors; returns the bits of frame.LIMITS that apply."""
     limits = 0
-    if not read_imu(p, s, row):
-        limits |= frame.LIMIT_IMU_MISSING
-    if not finite_bias(row):
+    bias = row.gyro_bias_rad_s
+    known = abs(bias[0] + bias[1] + bias[2]) < math.inf  # a packet's words are integers: nothing else of the IMU can be no number
+    if not known:
         limits |= frame.LIMIT_NOT_FINITE
+    if not read_imu(p, s, row, known and (row.imu_status & IMU_USABLE) != 0):
+        limits |= frame.LIMIT_IMU_MISSING
     if not read_wheels(p, s, row):
         limits |= frame.LIMIT_ENCODER_JUMP
     return limits
