@@ -24,7 +24,7 @@ SERVICE_CACHE = Path("/var/cache/mip-rt")  # CacheDirectory= of systemd/mip-rt.s
 # Every file in these may be compiled, or holds constants and record types that compiled code freezes.
 SOURCES = (
     "compiled.py", "frame.py", "guard_words.py", "inputs.py", "log/commit.py", "remote/dead_man.py", "models", "estimators", "controllers", "robots",
-    "fake", *(f"hardware/{name}.py" for name in ("system_calls", "compiled_io", "packet_check", "line_events", "imu_status")),
+    "fake", *(f"hardware/{name}.py" for name in ("system_calls", "compiled_io", "packet_check", "line_events", "imu_status", "imu_read", "transfers", "mpu9250_registers")),
 )  # fmt: skip
 
 
@@ -140,6 +140,7 @@ def prepare() -> Path | None:
 CACHE_FOLDER = prepare()
 
 import numba  # noqa: E402, F401  (only after the cache folder is set; others take it from here)
+from llvmlite import ir  # noqa: E402
 from numba.extending import intrinsic, register_jitable  # noqa: E402, F401
 
 # numba looks for BLAS in scipy, where that is installed, which takes 0.2 s; nothing compiled here multiplies matrices with it.
@@ -182,6 +183,14 @@ if JIT_DISABLED:
     def barrier():
         """See below."""
 
+    def call(address, first, second):
+        """See below."""
+        return ctypes.CFUNCTYPE(ctypes.c_ssize_t, ctypes.c_size_t, ctypes.c_size_t)(int(address))(int(first), int(second))
+
+    def callback(signature):
+        """See below."""
+        return lambda function: function
+
 else:
 
     @intrinsic
@@ -211,6 +220,24 @@ else:
         An address is an integer, which costs less to hand over than an array.
         """
         return numba.carray(_pointer(address), count, dtype)
+
+    @intrinsic
+    def _call(typing_context, address, first, second):
+        def generate(context, builder, signature, arguments):
+            word = context.get_value_type(numba.types.uintp)
+            function = builder.inttoptr(arguments[0], ir.FunctionType(word, [word, word]).as_pointer())
+            return context.call_function_pointer(builder, function, arguments[1:])
+
+        return numba.types.intp(numba.types.uintp, numba.types.uintp, numba.types.uintp), generate
+
+    @njit()
+    def call(address, first, second):
+        """What the function at this address returns: of C's kind, from two machine words to one."""
+        return _call(address, first, second)
+
+    def callback(signature):
+        """Decorator: a compiled function that C can call; its `address` is that of the code."""
+        return numba.cfunc(signature, cache=CACHE_FOLDER is not None)
 
 
 def direct(function, *types):

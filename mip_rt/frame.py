@@ -135,7 +135,7 @@ def pulses(wheels: int) -> tuple[Field, ...]:
 
 
 def results(wheels: int) -> tuple[Field, ...]:
-    """What the loop writes after the step: what the supervisor made of the pulses, and when."""
+    """What is written after the step: what the supervisor made of the pulses, and when (log.commit.RESULTS)."""
     return (
         Field("applied_ns", "<i8", (wheels,), "ns", "signed PWM pulse that the supervisor let through"),
         Field("fault", "<i8", (), "1", "fault code of the supervisor, 0 where none"),
@@ -160,7 +160,6 @@ class Layout:
         dtype: their aligned record type.
         offset: byte offset by name.
         pulses: struct.Struct of applied_ns.
-        results: of fault, step_ns, write_ns, at offset["fault"].
     """
 
     def __init__(self, wheels: int, estimate_names: tuple[str, ...], own: tuple[Field, ...]):
@@ -173,4 +172,4 @@ class Layout:
         self.step_outputs = tuple(f.name for f in written if f.name != "imu_packet")
         self.dtype = np.dtype([(f.name, f.dtype, f.shape) if f.shape else (f.name, f.dtype) for f in self.fields], align=True)
         self.offset = {name: self.dtype.fields[name][1] for name in self.dtype.names}
-        self.pulses, self.results = struct.Struct(f"<{wheels}q"), struct.Struct("<3q")
+        self.pulses = struct.Struct(f"<{wheels}q")

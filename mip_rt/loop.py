@@ -4,15 +4,13 @@ The IMU's interrupt starts each tick; its kernel timestamp is the sample's time.
 drivers' bytes and numbers go in, the compiled step fills the rest, the supervisor lets the result through or not.
 """
 
+import os
 import select
 import struct
-from functools import partial
 
 from mip_rt import frame
-from mip_rt.compiled import direct
-from mip_rt.hardware.compiled_io import read_counters
-from mip_rt.hardware.imu_status import IMU_NO_DATA
-from mip_rt.inputs import GUARD, REMOTE_LOST, gatherer
+from mip_rt.hardware.imu_status import IMU_NO_DATA, IMU_OK
+from mip_rt.inputs import GUARD, REMOTE_LOST, gatherer, sensor
 from mip_rt.log.ring import STATE_EVERY
 from mip_rt.supervisor import State
 
@@ -45,9 +43,10 @@ class Loop:
         self.silence_s, self.engage_tilt_rad = silence_s, engage_tilt_rad
         self.ticks = self.timeouts = 0
         layout = robot.layout
-        self._results, self._at = layout.results, layout.offset
+        self._at = layout.offset
         self._pulses, self._no_pulses = layout.pulses, (0,) * layout.wheels
-        self._read_counters, self._gather = partial(direct(read_counters), devices.counters), gatherer(devices, robot)
+        self._wait = kernel.waiter(devices.imu_line, silence_s)
+        self._sense, self._gather = sensor(devices, ring), gatherer(devices, robot)
         self._persistent = robot.persistence.parts
         self._arrivals = select.poll()  # one look at both is cheaper than a read of each that finds nothing
         for fd in (devices.button.fd, *([devices.port.fd] if devices.port else [])):
@@ -57,10 +56,11 @@ class Loop:
         """Runs one tick; False where no interrupt came in time (the motors are then off)."""
         devices, ring, kernel, supervisor = self.devices, self.ring, self.kernel, self.supervisor
         at = self._at
-        line = devices.imu_line
-        edges = line.take() if kernel.wait_readable(line.fd, self.silence_s) else 0
+        edges = self._wait()
         wake_ns = kernel.monotonic_ns()
-        if not edges:
+        if edges <= 0:
+            if edges < 0:
+                raise OSError(-edges, os.strerror(-edges))
             supervisor.imu_silent(self.ticks)
             devices.imu.on_timeout()
             self.timeouts += 1
@@ -71,13 +71,13 @@ class Loop:
         index = tick % ring.capacity
         base = index * ring.row_bytes
         buffer = ring.buffer
-        ring.begin(index)
-        self._read_counters()
-        status = devices.imu.read()
+        status, backlog = self._sense(index), 0
+        if status != IMU_OK:
+            status, backlog = devices.imu.unusual(status), devices.imu.backlog
         read_ns = kernel.monotonic_ns()
         found = self._gather(
-            index, tick, wake_ns, read_ns, supervisor.state, supervisor.request, supervisor.refusals, status, devices.imu.backlog,
-            devices.battery_v, supervisor.drive_scale,
+            index, tick, wake_ns, read_ns, supervisor.state, supervisor.request, supervisor.refusals, status, backlog, devices.battery_v,
+            supervisor.drive_scale,
         )  # fmt: skip
 
         conditions = self.robot.step(index)
@@ -90,8 +90,7 @@ class Loop:
             self._pulses.pack_into(buffer, base + at["applied_ns"], *self._no_pulses)
         write_ns = kernel.monotonic_ns()
 
-        self._results.pack_into(buffer, base + at["fault"], supervisor.fault.number, step_ns, write_ns)
-        ring.commit(index, tick)
+        ring.finish(index, tick, supervisor.fault.number, step_ns, write_ns)
         self.ticks = tick + 1
         if self.ticks % STATE_EVERY == 0:  # see robots.persistence
             ring.keep_state(tick, self._persistent)

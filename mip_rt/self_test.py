@@ -83,7 +83,7 @@ def check_reactions(limits, dt_s: float, transitions=TRANSITIONS):
         guard = LOST if row.conditions & Condition.GUARD_LOST else LINE_DROPPED if row.conditions & Condition.GUARD_DROPPED else OK
         for tick in range(Supervisor.ticks(row.hold, limits, dt_s)):
             if row.conditions & Condition.MOTOR_ERROR:
-                supervisor._motor_error = True
+                supervisor._standing |= Condition.MOTOR_ERROR
             supervisor.apply(tick, found, True, 0, guard)
         if supervisor._motors.on or supervisor.state is not State.FAULT:
             yield f"{row.fault} does not switch the motors off: {CONDITION_SENTENCES.get(row.conditions, hex(row.conditions))}"

@@ -107,6 +107,7 @@ class Transition(NamedTuple):
 
 
 C = Condition
+_IMU_GOOD, _BUTTON = C.IMU_GOOD, C.BUTTON  # looked at in every tick, and a class's attributes are found slowly
 THREE_TICKS = 0.015
 # The first row that fires wins, so a fault with a cause comes before the one that only says "bad".
 _FAILURES = (
@@ -180,12 +181,11 @@ class Supervisor:
         self.state = State.BOOT
         self.fault = FAULTS["none"]
         self.events = []
+        self._standing = 0  # conditions that hold until told otherwise
         self.refusals = 0
+        self.calibrated = False
         self.request = 0
         self.drive_scale = 0.0
-        self.calibrated = False
-        self._button = False
-        self._motor_error = False
         self._counting = False
         self._counts = [0] * max(len(rows) for rows in self._table.values())
         self._motors.off()
@@ -200,9 +200,30 @@ class Supervisor:
         """The pulses to apply stand in these rows of frames."""
         self._motors.attach(rows)
 
+    @property
+    def refusals(self) -> int:
+        """See the class."""
+        return self._refusals
+
+    @refusals.setter
+    def refusals(self, bits: int) -> None:
+        """They decide whether READY holds."""
+        self._refusals = bits
+        self._stands(C.READY, not bits & BLOCKING)
+
+    @property
+    def calibrated(self) -> bool:
+        """See the class."""
+        return bool(self._standing & C.CALIBRATED)
+
+    @calibrated.setter
+    def calibrated(self, known: bool) -> None:
+        """Told once the bias is known."""
+        self._stands(C.CALIBRATED, known)
+
     def press(self) -> None:
         """The arm button was pressed."""
-        self._button = True
+        self._standing |= _BUTTON
 
     def request_heading_reset(self) -> None:
         """The present heading becomes forward, at the next tick."""
@@ -226,19 +247,13 @@ class Supervisor:
         Returns:
             True where the pulses were let through to the motors.
         """
-        if not conditions & C.IMU_GOOD:
+        conditions |= self._standing
+        if not conditions & _IMU_GOOD:
             conditions |= C.IMU_BAD
+        if conditions & _BUTTON:
+            self._standing &= ~_BUTTON
         if upright:
             conditions |= C.UPRIGHT
-        if self._button:
-            conditions |= C.BUTTON
-            self._button = False
-        if self.calibrated:
-            conditions |= C.CALIBRATED
-        if not self.refusals & BLOCKING:
-            conditions |= C.READY
-        if self._motor_error:
-            conditions |= C.MOTOR_ERROR
         if guard:
             conditions |= C.GUARD_LOST if guard == LOST else C.GUARD_DROPPED
             if guard == LOST:
@@ -251,12 +266,18 @@ class Supervisor:
             return False
         if not self.request & _ENGAGED:  # the step has not run engaged yet: enable, start at zero
             self.request |= _ENGAGED
-            self._motor_error = not self._motors.enable()
+            self._stands(C.MOTOR_ERROR, not self._motors.enable())
             return False
-        self._motor_error = not self._motors.write(index)
+        obeyed = self._motors.write(index)
+        if not obeyed:
+            self._standing |= C.MOTOR_ERROR
         if self.drive_scale < 1.0:
             self.drive_scale = min(1.0, self.drive_scale + self._scale_step)
-        return not self._motor_error
+        return obeyed
+
+    def _stands(self, condition: int, true: bool) -> None:
+        """What holds in every tick until told otherwise."""
+        self._standing = self._standing | condition if true else self._standing & ~condition
 
     def _walk(self, conditions: int, tick: int) -> None:
         counts = self._counts
@@ -279,7 +300,7 @@ class Supervisor:
         self.state = to
         self.request = 0
         self.drive_scale = 0.0
-        self._motor_error = False
+        self._stands(C.MOTOR_ERROR, False)
         self._counting = False
         for i in range(len(self._counts)):
             self._counts[i] = 0

@@ -124,12 +124,14 @@ else:
                 else:
                     c2 = columns[e + 2]
                     _add_three(target, i, base, b, f0, c0, f1, c1, scale * factors[f, c2], c2, source, first, n)
-        for e in range(begin + odd, end, 4):
+        e = begin + odd
+        while e < end:  # a range with a step costs a division
             c0, c1, c2, c3 = columns[e], columns[e + 1], columns[e + 2], columns[e + 3]
             _add_four(
                 target, i, target, i, scale * factors[f, c0], c0, scale * factors[f, c1], c1, scale * factors[f, c2], c2,
                 scale * factors[f, c3], c3, source, first, n,
             )  # fmt: skip
+            e += 4
 
     @njit(forceinline=True)
     def add_scaled_vector(target, factor, source, n):

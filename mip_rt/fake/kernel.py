@@ -92,6 +92,10 @@ class FakeKernel(Kernel):
             if fell and fd == self.gpio.event_fd(*self.imu_line) or self._poll.poll(0):
                 return True
 
+    def waiter(self, line, timeout_s: float):
+        """As the real kernel's."""
+        return lambda: line.take() if self.wait_readable(line.fd, timeout_s) else 0
+
     def sample_of(self, edge_ns: int) -> int:
         """Number of the world's sample that raised the edge with this timestamp."""
         return (edge_ns - self.start_ns) // SAMPLE_NS

@@ -42,6 +42,8 @@ PULSES = np.dtype(
     align=True,
 )
 
+_TENTH, _TENTH_SHIFT = np.uint64(0xCCCCCCCD), np.uint64(35)  # n / 10 of 32 bits, exactly: a division is a call on 32-bit ARM, and numba makes it one of 64 bits
+
 REFUSED = -1  # write_pulses: the kernel refused a write
 
 
@@ -78,7 +80,7 @@ def number(text, length):
 @njit
 def decimal(value, text):
     """Writes a number and a newline into `text`; returns how many bytes."""
-    rest = np.uint32(abs(value))  # 32 bits: dividing 64 by ten is a call on 32-bit ARM
+    rest = np.uint32(abs(value))
     digits = 1
     power = np.uint32(10)
     while digits < 10 and rest >= power:
@@ -88,7 +90,7 @@ def decimal(value, text):
     text[0] = 45  # the minus sign; a first digit overwrites it
     text[length - 1] = 10
     for k in range(length - 2, length - 2 - digits, -1):
-        tenth = np.uint32(rest // np.uint32(10))
+        tenth = np.uint32(np.uint64(rest) * _TENTH >> _TENTH_SHIFT)
         text[k] = 48 + (rest - tenth * np.uint32(10))
         rest = tenth
     return length
@@ -114,14 +116,9 @@ def read_counter(counters, i):
     return _read(counters[0], i)
 
 
-@njit([numba.void(record_array(COUNTERS))])
-def read_counters(counters):
-    """Reads all counters, unwrapped; one that cannot be read keeps its last count.
-
-    Args:
-        counters: (1,) COUNTERS.
-    """
-    c = counters[0]
+@njit
+def read_all(c):
+    """Reads all counters, unwrapped; one that cannot be read keeps its last count. c: record of COUNTERS."""
     for i in range(c.number):
         _read(c, i)
 

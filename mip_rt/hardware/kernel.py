@@ -5,6 +5,7 @@ the methods here.
 """
 
 import fcntl
+import select
 import subprocess
 import time
 from functools import partial
@@ -30,15 +31,22 @@ class Kernel:
         time.sleep(seconds)
 
     def wait_readable(self, fd: int, timeout_s: float) -> bool:
-        """True as soon as fd can be read, False after the timeout. From the second call on without any Python."""
+        """True as soon as fd can be read, False after the timeout. The loop waits with `waiter`."""
+        poll = select.poll()
+        poll.register(fd, select.POLLIN)
+        return bool(poll.poll(timeout_s * 1e3))
+
+    def waiter(self, line, timeout_s: float):
+        """wait() -> events of this hardware.input_events.InputEvents, as its `take`; 0 after the timeout, and minus the errno where the kernel refuses."""
         import numpy as np
 
         from mip_rt.compiled import direct  # not at the beginning: the guard has a kernel, and no numba
-        from mip_rt.hardware import system_calls
+        from mip_rt.hardware import line_events, system_calls
 
-        self._polled = np.zeros(1, system_calls.POLLED)
-        self.wait_readable = partial(direct(system_calls.wait_readable), self._polled.ctypes.data)
-        return self.wait_readable(fd, timeout_s)
+        polled = np.zeros(1, system_calls.POLLED)
+        bound = partial(direct(line_events.wait), line.state.ctypes.data, polled.ctypes.data, timeout_s)
+        bound.owners = line, polled  # whose memory must live as long as this
+        return bound
 
     def ioctl(self, fd: int, request: int, argument, mutate: bool = True):
         """fcntl.ioctl."""

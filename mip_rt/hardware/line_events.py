@@ -56,3 +56,15 @@ def take(state_at):
             count += dropped
     s.count = count
     return np.int64(count)
+
+
+@njit([numba.int64(numba.uint64, numba.uint64, numba.float64)])
+def wait(state_at, polled_at, timeout_s):
+    """Waits for events and takes them: as `take`, 0 also after the timeout.
+
+    Args:
+        polled_at: address of one system_calls.POLLED, for the call's own use.
+    """
+    if system_calls.wait_readable(polled_at, records_at(state_at, 1, STATE)[0].fd, timeout_s):
+        return take(state_at)
+    return np.int64(0)

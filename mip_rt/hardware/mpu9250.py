@@ -1,19 +1,18 @@
 """The MPU-9250 with its DMP: bring-up by named steps, and the reading of the newest packet in each tick.
 
-The hot path is `read`: two combined transfers with messages that were built once, no lists, no exceptions out of it. What went
-wrong comes back as bits (imu_status) and in `counters`.
+The hot path is two combined transfers with messages that were built once, no lists, no exceptions out of it: `imu_read.usual`, compiled, and
+`unusual` for what that does not know. What went wrong comes back as bits (imu_status) and in `counters`.
 """
 
 import ctypes
 import errno
-import sys
 from functools import partial
 
 import numpy as np
 
 from mip_rt.compiled import direct
 from mip_rt.errors import ImuError
-from mip_rt.hardware import dmp, packet_check
+from mip_rt.hardware import dmp, imu_read, packet_check
 from mip_rt.hardware import mpu9250_registers as r
 from mip_rt.hardware.bus_errors import explain
 from mip_rt.hardware.imu_status import (
@@ -27,13 +26,14 @@ from mip_rt.hardware.imu_status import (
     IMU_OK,
     IMU_OVERFLOW,
 )
+from mip_rt.hardware.transfers import Entry
 
 RETRIES = 3  # of each bring-up step
 HALF_WRITTEN_WAIT_S = 200e-6
 INTERNAL_HZ = 1000.0  # that SMPLRT_DIV divides while a low-pass is on
-ONE_PACKET = r.PACKET_BYTES if sys.byteorder == "big" else r.PACKET_BYTES << 8  # the big-endian count as this machine reads it
 
-_REFUSED = {packet_check.BAD_NORM: ("bad_norm", IMU_BAD_NORM), packet_check.FROZEN: ("frozen", IMU_FROZEN)}
+_JUDGED = {packet_check.GOOD: IMU_OK, packet_check.BAD_NORM: IMU_BAD_NORM, packet_check.FROZEN: IMU_FROZEN}
+_COUNTED = {IMU_BAD_NORM: "bad_norm", IMU_FROZEN: "frozen"}
 
 
 class Mpu9250:
@@ -49,6 +49,7 @@ class Mpu9250:
         packet: (32,) bytes, the newest packet where the last read returned IMU_OK.
         backlog: packets that waited beside the newest, at the last read.
         counters: how often each kind of trouble occurred.
+        usual: (1,) imu_read.READ, what the compiled read needs.
     """
 
     def __init__(self, kernel, settings, rate_hz: float = dmp.SAMPLE_HZ):
@@ -57,6 +58,8 @@ class Mpu9250:
         self._kernel, self._settings, self._message = kernel, settings, i2c_msg
         self._rate_hz = rate_hz
         self._bus = kernel.open_i2c(settings.bus)
+        self._entry, self.usual = Entry(self._bus), np.zeros(1, imu_read.READ)
+        self._read_usual = partial(direct(imu_read.read_usual), self.usual.ctypes.data)
         self._sample_divider = round(INTERNAL_HZ / dmp.SAMPLE_HZ) - 1
         self._prepare()
         self.chip = ""
@@ -68,8 +71,7 @@ class Mpu9250:
         i2c_msg, address = self._message, self._settings.address
         count_reply = i2c_msg.read(address, 2)
         self._read_count = self._bus.prepare(i2c_msg.write(address, [r.FIFO_COUNT_H]), count_reply)
-        self._count_bytes = _bytes_of(count_reply, 0, 2)
-        self._count_word = self._count_bytes.cast("H")
+        self._count_bytes, self._count_address = _bytes_of(count_reply, 0, 2), _address_of(count_reply, 0)
         # One transfer for each number of waiting packets; only the last packet of it is used.
         request = i2c_msg.write(address, [r.FIFO_R_W])
         replies = [i2c_msg.read(address, r.PACKET_BYTES * n) for n in range(1, r.FIFO_BYTES // r.PACKET_BYTES + 1)]
@@ -80,6 +82,7 @@ class Mpu9250:
         self._state = np.zeros(1, packet_check.STATE)
         check, state_at = direct(packet_check.check), self._state.ctypes.data
         self._checks = [partial(check, state_at, _address_of(m, r.PACKET_BYTES * n)) for n, m in enumerate(replies)]
+        self._use(self._entry)
 
     # -- bring-up ----------------------------------------------------------------------------------------------------
     def start(self) -> None:
@@ -203,41 +206,66 @@ class Mpu9250:
                 )
 
     # -- hot path ----------------------------------------------------------------------------------------------------
-    def _transfer(self, prepared) -> int:
-        """0, or the bits of what went wrong; one immediate retry, none after a time-out: the kernel has already waited a second."""
-        refused = self._bus.transfer(prepared)
-        if not refused or refused != errno.ETIMEDOUT and not (refused := self._bus.transfer(prepared)):
-            return 0
-        self.counters["bus_errors"] += 1
-        return IMU_BUS_ERROR | IMU_BUS_TIMEOUT if refused == errno.ETIMEDOUT else IMU_BUS_ERROR
+    def _use(self, entry: Entry) -> None:
+        handles = entry.handle(self._read_count), entry.handle(self._read_fifo[0])
+        addresses = self._count_address, self.packet.ctypes.data, self._state.ctypes.data
+        self.usual[0] = entry.function, entry.bus, *handles, *addresses
 
     def read(self) -> int:
         """Brings the newest packet into `packet`; returns the IMU_* bits. Never raises for the bus."""
-        self.backlog = newest = status = 0
-        refused = self._transfer(self._read_count)
-        if refused:
-            return refused
-        if self._count_word[0] != ONE_PACKET:
-            status, newest = self._more_or_less()
-            if newest < 0:
-                return status
+        self.backlog = 0
+        found = self._read_usual()
+        return found if found == IMU_OK else self.unusual(found)
+
+    def unusual(self, found: int) -> int:
+        """What to make of an answer of `imu_read.usual` other than IMU_OK: the IMU_* bits, with the newest packet in `packet` where they say so."""
+        self.backlog = 0
+        if found < 0:
+            self._entry.check()
+            return self._read_again(-found)
+        if found == imu_read.OTHER_COUNT:
+            return self._read_newest()
+        self.counters[_COUNTED[found]] += 1
+        return found
+
+    def _read_again(self, refused: int) -> int:
+        """One immediate retry, none after a time-out: the kernel has already waited a second."""
+        if refused == errno.ETIMEDOUT:
+            return self._refused(refused)
+        refused = self._bus.transfer(self._read_count)
+        return self._refused(refused) if refused else self._read_newest()
+
+    def _transfer(self, prepared) -> int:
+        """0, or the bits of what went wrong, with the retry."""
+        refused = self._bus.transfer(prepared)
+        if not refused or refused != errno.ETIMEDOUT and not (refused := self._bus.transfer(prepared)):
+            return 0
+        return self._refused(refused)
+
+    def _refused(self, number: int) -> int:
+        self.counters["bus_errors"] += 1
+        return IMU_BUS_ERROR | IMU_BUS_TIMEOUT if number == errno.ETIMEDOUT else IMU_BUS_ERROR
+
+    def _read_newest(self) -> int:
+        """The newest packet of those that the count just read has told."""
+        status, newest = self._waiting()
+        if newest < 0:
+            return status
         refused = self._transfer(self._read_fifo[newest])
         if refused:
             return status | refused
-        found = self._checks[newest]()
-        if found:
-            name, bit = _REFUSED[found]
-            self.counters[name] += 1
-            return status | bit
-        if newest:
+        found = _JUDGED[self._checks[newest]()]
+        if found != IMU_OK:
+            self.counters[_COUNTED[found]] += 1
+        elif newest:
             self._packets[0][:] = self._packets[newest]
-        return status | IMU_OK
+        return status | found
 
     def _count(self) -> int:
         return (self._count_bytes[0] & 0x1F) << 8 | self._count_bytes[1]
 
-    def _more_or_less(self) -> tuple[int, int]:
-        """(IMU_* bits, number of the newest packet that waits) where the count is not that of one packet; the number is -1 where none can be read."""
+    def _waiting(self) -> tuple[int, int]:
+        """(IMU_* bits, number of the newest packet that waits); the number is -1 where none can be read."""
         if self._count() == 0:
             return IMU_NO_DATA, -1
         if self._count() % r.PACKET_BYTES:

@@ -62,8 +62,8 @@ class RawMpu9250(Mpu9250):
         self._configure()
         self._start_interrupt()
 
-    def read(self) -> int:
-        """Brings the newest sample into `packet`, bytes 16 to 30; returns the IMU_* bits. Never raises for the bus."""
+    def unusual(self, found: int) -> int:
+        """Brings the newest sample into `packet`, bytes 16 to 30; returns the IMU_* bits. Never raises for the bus. There is no usual read."""
         refused = self._transfer(self._read_sample)
         if refused:
             return refused

@@ -80,7 +80,7 @@ else:
         return _result(numba.intp(_C_POLL(np.uintp(address), np.uintp(count), np.int32(timeout_ms))))
 
 
-@njit([numba.boolean(numba.uint64, numba.int64, numba.float64)])
+@njit
 def wait_readable(polled_at, fd, timeout_s):
     """True as soon as fd can be read (or its other end is gone), False after the timeout. A signal does not end the wait.
 

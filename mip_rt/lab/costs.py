@@ -11,14 +11,13 @@ import mmap
 import os
 import tempfile
 import time
-from functools import partial
 
 import numpy as np
 
 from mip_rt import config as configuration
 from mip_rt import robots
 from mip_rt import session as runner
-from mip_rt.compiled import direct, njit, numba, records_at
+from mip_rt.compiled import callback, njit, numba, records_at
 from mip_rt.config import scenario as scenarios
 from mip_rt.estimators import attitude, mbbr_ekf, mip_ekf, momentum_observer
 from mip_rt.fake import bench as fake_bench
@@ -86,9 +85,9 @@ SHOW = np.dtype(
 )
 
 
-@njit([numba.int64(numba.uint64, numba.uint64)])
+@callback(numba.intp(numba.uintp, numba.uintp))
 def show(state_at, prepared):
-    """As a bus's transfer: an ioctl that does nothing; after every second one (the FIFO was read) the next packet appears, and the counts of the next tick.
+    """As a bus's transfer (transfers.Entry): an ioctl that does nothing; after every second one (the FIFO was read) the next packet appears, and the counts of the next tick.
 
     Args:
         state_at: address of one SHOW.
@@ -105,7 +104,7 @@ def show(state_at, prepared):
             if s.encoders[i] != 0:
                 compiled_io.decimal(counts[compiled_io.MOST * (n + 1) + i], records_at(s.encoders[i], compiled_io.TEXT, np.uint8))
     s.turn += 1
-    return system_calls.transfer(s.fd, FIOCLEX, 0)
+    return numba.intp(system_calls.transfer(s.fd, FIOCLEX, 0))
 
 
 def _fill(line, start_ns: int, count: int) -> None:
@@ -150,12 +149,11 @@ def stubbed_loop(robot: str = "mbbr", count: int = MOST):
         with encoder.path.open("r+b") as file:
             files.append(np.frombuffer(mmap.mmap(file.fileno(), compiled_io.TEXT), np.uint8))
         shown["encoders"][0, i] = files[-1].ctypes.data
-    kernel.bus.transfer, kernel.bus.shown = partial(direct(show), shown.ctypes.data), (shown, packets, counts, files)
+    devices.imu.usual["function"], devices.imu.usual["bus"] = show.address, shown.ctypes.data
+    kernel.bus.shown = shown, packets, counts, files  # kept as long as the bus
     devices.imu._count_bytes[:] = (32).to_bytes(2, "big")
-    devices.imu._read_count, devices.imu._read_fifo = 0, [0]
     real = Kernel()
-    real.wait_readable(null, 0.0)  # the first call is its own replacement
-    kernel.wait_readable, kernel.monotonic_ns = real.wait_readable, real.monotonic_ns
+    kernel.monotonic_ns, loop._wait = real.monotonic_ns, real.waiter(devices.imu_line, loop.silence_s)
     kernel.ioctl = lambda fd, request, argument, mutate=True: real.ioctl(null, FIOCLEX, argument, mutate)
     _fill(devices.imu_line, begin_ns, count)
     bench.guard.patience_s(1e4)  # it lives on the clock that has just been left, and is no part of the tick
@@ -176,7 +174,7 @@ def ticks(count: int, robot: str = "mbbr", recorded: int = MOST) -> float:
     return elapsed
 
 
-PARTS = ("wait", "encoders", "imu", "inputs", "step", "supervisor", "log", "slack", "nothing")
+PARTS = ("wait", "sensors", "inputs", "step", "supervisor", "log", "slack", "nothing")
 
 
 def parts(name: str, count: int) -> float:
@@ -185,7 +183,7 @@ def parts(name: str, count: int) -> float:
     loop.tick()
     devices, ring, supervisor, at = loop.devices, loop.ring, loop.supervisor, loop.robot.layout.offset
     index = (loop.ticks - 1) % ring.capacity
-    kernel, line, state = bench.kernel, devices.imu_line, supervisor.state
+    state = supervisor.state
     changing = itertools.cycle([loop.robot.layout.pulses.pack(1000 + i, -2000 - i, 3000 + i) for i in range(CHANGES)])
 
     def supervise():
@@ -193,14 +191,12 @@ def parts(name: str, count: int) -> float:
         supervisor.apply(0, Condition.IMU_GOOD, True, 0)
 
     def record():
-        ring.begin(index)
-        ring.commit(index, 5)
+        ring.finish(index, 5, 0, 6, 7)
 
     action = {
-        "wait": lambda: kernel.wait_readable(line.fd, loop.silence_s) and line.take(),
-        "encoders": loop._read_counters,
-        "imu": devices.imu.read,
-        "inputs": lambda: loop._gather(index, 5, 6, 7, state, supervisor.request, 0, IMU_OK, devices.imu.backlog, devices.battery_v, 1.0),
+        "wait": lambda: loop._wait(),
+        "sensors": lambda: loop._sense(index),
+        "inputs": lambda: loop._gather(index, 5, 6, 7, state, supervisor.request, 0, IMU_OK, 0, devices.battery_v, 1.0),
         "step": lambda: loop.robot.step(index),
         "supervisor": supervise,
         "log": record,

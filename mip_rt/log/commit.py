@@ -1,4 +1,4 @@
-"""The two counter stores that commit a row, compiled; each becomes visible only after all that was stored before it."""
+"""The end of a row, compiled: the last results, and the two counter stores that commit it, each visible only after all that was stored before it."""
 
 import numpy as np
 
@@ -19,3 +19,16 @@ def commit(rows_at, row_bytes, counter_at, index, tick):
     records_at(rows_at + np.uint64(row_bytes * index), 1, np.int64)[0] = tick + 1
     barrier()
     records_at(counter_at, 1, np.int64)[0] = tick + 1
+
+
+RESULTS = np.dtype([("fault", "i8"), ("step_ns", "i8"), ("write_ns", "i8")])
+
+
+@njit([numba.void(numba.uint64, numba.int64, numba.uint64, numba.uint64, numba.int64, numba.int64, numba.int64, numba.int64, numba.int64)])
+def finish(rows_at, row_bytes, results_at, counter_at, index, tick, fault, step_ns, write_ns):
+    """Writes what is known at the end of a tick (RESULTS, at `results_at` of the row) and commits it."""
+    results = records_at(rows_at + np.uint64(row_bytes * index) + results_at, 1, RESULTS)[0]
+    results.fault = fault
+    results.step_ns = step_ns
+    results.write_ns = write_ns
+    commit(rows_at, row_bytes, counter_at, index, tick)

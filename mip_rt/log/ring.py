@@ -38,6 +38,7 @@ class Ring:
     Attributes:
         begin: begin(index) marks a row as being written.
         commit: commit(index, tick) makes it visible to readers.
+        finish: finish(index, tick, fault, step_ns, write_ns) writes these fields of a frame, and commits it.
         rows: (n,) records of the layout, mapped.
         buffer: the rows' bytes, for `struct.pack_into`.
         row_bytes: bytes of a row.
@@ -85,6 +86,9 @@ class Ring:
         rows_at = self.rows.ctypes.data
         self.begin = partial(direct(commit.begin), rows_at, dtype.itemsize)
         self.commit = partial(direct(commit.commit), rows_at, dtype.itemsize, self._counter.ctypes.data)
+        self.finish = None
+        if "fault" in dtype.names:
+            self.finish = partial(direct(commit.finish), rows_at, dtype.itemsize, dtype.fields["fault"][1], self._counter.ctypes.data)
 
     def keep_state(self, tick: int, parts) -> None:
         """Keeps the state as it is after tick `tick` was stepped, over the oldest one. Copies, and allocates nothing that stays.
@@ -131,10 +135,13 @@ class Ring:
         return int(self._status[Status.NEEDED])
 
     def close(self) -> None:
-        """Ends the writing: seals what was written and flushes the file. The mapping lives as long as anyone holds the rows."""
+        """Ends the writing and seals what was written. The mapping lives as long as anyone holds the rows.
+
+        Every process sees the file whole from now on; what has to survive a power cut is the recorder's to keep, and a ring on a disk is
+        written there when the system finds time: waiting for that took as long as simulating the run.
+        """
         self._seal()
         self._counter[Counter.FINISHED] = 1
-        self._map.flush()
 
     def _seal(self) -> None:
         """Stores a checksum of every row and kept state, so that a reader of the finished file notices a flipped bit."""

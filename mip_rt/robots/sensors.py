@@ -72,19 +72,13 @@ def configure(p, config, dt_s: float) -> None:
 
 @njit
 def _int16(packet, at):
-    value = (np.int64(packet[at]) << 8) | np.int64(packet[at + 1])
-    return value - 65536 if value >= 32768 else value
+    return np.int32(np.int16(np.int32(packet[at]) << 8 | np.int32(packet[at + 1])))
 
 
 @njit
 def _int32(packet, at):
-    value = (
-        (np.int64(packet[at]) << 24)
-        | (np.int64(packet[at + 1]) << 16)
-        | (np.int64(packet[at + 2]) << 8)
-        | np.int64(packet[at + 3])
-    )
-    return value - 4294967296 if value >= 2147483648 else value
+    # 32 bits: to make a float64 of 64 is a call on 32-bit ARM.
+    return np.int32(np.int32(packet[at]) << 24 | np.int32(packet[at + 1]) << 16 | np.int32(packet[at + 2]) << 8 | np.int32(packet[at + 3]))
 
 
 @njit
@@ -139,14 +133,20 @@ def read_imu(p, s, row, usable):
     if fresh and p.source == DMP:
         fresh = _read_quaternion(p, s, packet)
     if fresh:
+        force = s.acceleration_m_s2
+        rate = s.gyro_rad_s
         for i in range(3):
-            rate = 0.0
-            force = 0.0
-            for k in range(3):
-                force += p.mounting[i, k] * (p.accel_gain[k] * _int16(packet, 16 + 2 * k) - p.accel_offset[k])
-                rate += p.mounting[i, k] * _int16(packet, 22 + 2 * k)
-            s.gyro_rad_s[i] = rate * p.gyro_scale_rad_s - row.gyro_bias_rad_s[i]
-            s.acceleration_m_s2[i] = -force * p.accel_scale_m_s2
+            force[i] = 0.0
+            rate[i] = 0.0
+        for k in range(3):
+            felt = p.accel_gain[k] * _int16(packet, 16 + 2 * k) - p.accel_offset[k]
+            turned = float(_int16(packet, 22 + 2 * k))
+            for i in range(3):
+                force[i] += p.mounting[i, k] * felt
+                rate[i] += p.mounting[i, k] * turned
+        for i in range(3):
+            rate[i] = rate[i] * p.gyro_scale_rad_s - row.gyro_bias_rad_s[i]
+            force[i] = -force[i] * p.accel_scale_m_s2
         s.coasted = 0
     elif s.coasted < COAST_TICKS:
         s.coasted += 1

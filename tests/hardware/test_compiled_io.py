@@ -49,7 +49,7 @@ def test_counters_are_read_and_unwrapped(files, texts, counts):
     counters = record(compiled_io.COUNTERS, fds)
     for path, text in zip(paths, texts):
         path.write_text(text)
-    compiled_io.read_counters(counters)
+    compiled_io.read_all(counters[0])
     assert tuple(counters["count"][0, :3]) == counts
     assert list(counters["errors"][0, :3]) == [0, 0, int(texts[2] == "\n")]
 
@@ -59,16 +59,16 @@ def test_nonsense_keeps_the_last_count_and_is_counted(files, text):
     paths, fds = files
     counters = record(compiled_io.COUNTERS, fds)
     paths[1].write_text("77\n")
-    compiled_io.read_counters(counters)
+    compiled_io.read_all(counters[0])
     paths[1].write_text(text)
-    compiled_io.read_counters(counters)
+    compiled_io.read_all(counters[0])
     assert counters["count"][0, 1] == 77
     assert counters["errors"][0, 1] == 1 and counters["failing"][0, 1] == 1
 
 
 def test_a_closed_descriptor_is_an_error_not_a_crash(files):
     counters, pulses, made = record(compiled_io.COUNTERS, [-1]), record(compiled_io.PULSES, [-1], period_ns=50000, sign=1), rows()
-    compiled_io.read_counters(counters)
+    compiled_io.read_all(counters[0])
     made["duty_ns"][0, 0] = 5
     assert counters["errors"][0, 0] == 1 and compiled_io.write_pulses(pulses, made, 0) == compiled_io.REFUSED
 
@@ -82,7 +82,7 @@ def test_any_course_of_a_counter_is_followed(tmp_path_factory, steps):
     for step in steps:
         total += step * 1000
         path.write_text(f"{total % (1 << 32)}\n")
-        compiled_io.read_counters(counters)
+        compiled_io.read_all(counters[0])
         assert counters["count"][0, 0] == total
     os.close(fd)
 

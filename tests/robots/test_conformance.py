@@ -16,7 +16,6 @@ from mip_rt.estimators import ekf
 from mip_rt.hardware.imu_status import IMU_BUS_ERROR
 
 PERIOD_NS = 5_000_000
-ARRAYS = 5  # that a step is given: parameters and states of robot and estimators, and the ring
 CASES = [(name, "estimator", estimator) for name in robots.NAMES for estimator in robots.setup(name).ESTIMATORS]
 CASES += [(name, "controller", controller) for name in robots.NAMES for controller in getattr(robots.setup(name), "CONTROLLERS", ())]
 
@@ -117,7 +116,7 @@ def test_a_number_that_is_not_finite_stays_out(robot):
 
 @pytest.mark.skipif(JIT_DISABLED, reason="plain Python allocates")
 def test_allocates_nothing(robot):
-    """Neither Python's memory nor that of compiled code, where numba wraps each array that the step is given, and lets go of it, once a call."""
+    """Neither Python's memory nor that of compiled code."""
     from numba.core.runtime import _nrt_python, rtsys
 
     getattr(_nrt_python, "memsys_enable_stats", lambda: None)()  # numba 0.56 counts always
@@ -132,7 +131,7 @@ def test_allocates_nothing(robot):
     grown = tracemalloc.get_traced_memory()[0] - held
     tracemalloc.stop()
     after = rtsys.get_allocation_stats()
-    assert after.alloc - before.alloc == after.free - before.free <= 2000 * ARRAYS and grown < 512
+    assert after.alloc == before.alloc and grown < 2000  # a byte a step
 
 
 @pytest.mark.slow
