@@ -183,13 +183,9 @@ if JIT_DISABLED:
     def barrier():
         """See below."""
 
-    def call(address, first, second):
+    def call(address, first, second, third):
         """See below."""
-        return ctypes.CFUNCTYPE(ctypes.c_ssize_t, ctypes.c_size_t, ctypes.c_size_t)(int(address))(int(first), int(second))
-
-    def callback(signature):
-        """See below."""
-        return lambda function: function
+        return ctypes.CFUNCTYPE(ctypes.c_int, *(ctypes.c_size_t,) * 3)(int(address))(int(first), int(second), int(third))
 
 else:
 
@@ -222,22 +218,18 @@ else:
         return numba.carray(_pointer(address), count, dtype)
 
     @intrinsic
-    def _call(typing_context, address, first, second):
+    def _call(typing_context, address, first, second, third):
         def generate(context, builder, signature, arguments):
             word = context.get_value_type(numba.types.uintp)
-            function = builder.inttoptr(arguments[0], ir.FunctionType(word, [word, word]).as_pointer())
+            function = builder.inttoptr(arguments[0], ir.FunctionType(ir.IntType(32), [word] * 3).as_pointer())
             return context.call_function_pointer(builder, function, arguments[1:])
 
-        return numba.types.intp(numba.types.uintp, numba.types.uintp, numba.types.uintp), generate
+        return numba.types.int32(*(numba.types.uintp,) * 4), generate
 
     @njit()
-    def call(address, first, second):
-        """What the function at this address returns: of C's kind, from two machine words to one."""
-        return _call(address, first, second)
-
-    def callback(signature):
-        """Decorator: a compiled function that C can call; its `address` is that of the code."""
-        return numba.cfunc(signature, cache=CACHE_FOLDER is not None)
+    def call(address, first, second, third):
+        """What the function at this address returns: of C's kind, from three machine words to an int."""
+        return _call(address, first, second, third)
 
 
 def direct(function, *types):

@@ -1,4 +1,4 @@
-"""What the wires show at every sample, compiled: counts into the mapped counter files.
+"""What the wires show at every sample, compiled: counts into the mapped counter files, duties out of the mapped PWM files and lines.
 
 The texts lie in memory that sysfs.MappedFile has mapped; the compiled code knows its addresses. A counter's file always has exactly the
 length of its text, as sysfs shows it.
@@ -9,8 +9,8 @@ import os
 
 import numpy as np
 
-from mip_rt.compiled import JIT_DISABLED, njit, numba, record_array
-from mip_rt.hardware.compiled_io import MOST, TEXT, WRAP, decimal
+from mip_rt.compiled import JIT_DISABLED, njit, numba, record_array, records_at
+from mip_rt.hardware.compiled_io import MOST, TEXT, WRAP, decimal, number
 
 NEVER = -(1 << 62)  # a count that was not shown yet
 SIGN_BIT = 1 << 31
@@ -24,6 +24,12 @@ PINS = np.dtype(
         ("shown", "i8", (MOST,)),
         ("length", "i8", (MOST,)),  # of the counters' texts
         ("text", "u1", (TEXT,)),
+        ("period_ns", "f8"),
+        ("sign", "f8", (MOST,)),  # of a wheel's motion where its pin drives forward
+        ("duty_at", "i8", (MOST,)),  # addresses of the texts of the PWM
+        ("back_at", "i8", (MOST,)),  # of those of the second PWM; 0: there is none
+        ("a_at", "i8", (MOST,)),  # addresses of the direction lines' levels; 0: there is none
+        ("b_at", "i8", (MOST,)),
     ],
     align=True,
 )
@@ -75,3 +81,25 @@ def show_counts(pins, counts):
         if length != p.length[i]:
             _cut(p.count_fd[i], length)
             p.length[i] = length
+
+
+@njit
+def _pulse(address):
+    return number(records_at(np.uint64(address), TEXT, np.uint8), TEXT)[0]
+
+
+@njit([numba.void(record_array(PINS), numba.float64[::1])])
+def read_duties(pins, duty):
+    """Fills duty (wheels,) with the signed duties by wheel: two PWM, two lines and a PWM, or one line and a PWM."""
+    p = pins[0]
+    for i in range(p.wheels):
+        pulse = _pulse(p.duty_at[i])
+        if p.back_at[i] != 0:
+            duty[i] = p.sign[i] * (pulse - _pulse(p.back_at[i])) / p.period_ns
+            continue
+        b = np.int64(records_at(np.uint64(p.b_at[i]), 1, np.uint8)[0])
+        if p.a_at[i] != 0:
+            a = np.int64(records_at(np.uint64(p.a_at[i]), 1, np.uint8)[0])
+            duty[i] = (a - b) * p.sign[i] * pulse / p.period_ns
+        else:
+            duty[i] = p.sign[i] * (pulse / p.period_ns - b)

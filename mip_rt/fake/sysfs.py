@@ -70,11 +70,12 @@ class FakeSysfs:
 
     Attributes:
         held: (bank address, offset) of the lines that kernel drivers hold.
+        exports: how often a PWM channel was exported or unexported: addresses of their files are good until then.
         violations: sentences about writes that a real driver would have refused.
     """
 
     def __init__(self, root: Path, board, generation="5.10-ti", encoder_interface=None, pwm_naming=None, stock=False):
-        self.root, self.violations, self.held = Path(root), [], set()
+        self.root, self.violations, self.held, self.exports = Path(root), [], set(), 0
         kernel = GENERATIONS[generation]
         changes = {"encoders": encoder_interface, "pwm_naming": pwm_naming}
         self.generation = kernel = dataclasses.replace(kernel, **{key: value for key, value in changes.items() if value})
@@ -195,6 +196,7 @@ class FakeSysfs:
         folder = self._channel_folder(address, channel)
         if folder.is_dir() or channel not in (0, 1):
             return
+        self.exports += 1
         folder.mkdir()
         for name, value in (("period", "0\n"), ("polarity", "normal\n"), ("enable", "0\n")):
             (folder / name).write_text(value)
@@ -203,6 +205,7 @@ class FakeSysfs:
     def _unexport(self, address: str, channel: int) -> None:
         mapped = self._duties.pop((address, channel), None)
         if mapped is not None:
+            self.exports += 1
             mapped.close()
             shutil.rmtree(self._channel_folder(address, channel))
 

@@ -4,6 +4,8 @@ from mip_rt.compiled import direct
 from mip_rt.fake import pins
 from mip_rt.hardware.boards import GPIO
 
+NOT_CONNECTED = -1
+
 
 class Wiring:
     """Motors, encoders and battery of one board.
@@ -21,12 +23,12 @@ class Wiring:
         self._enable_bank = gpio.bank(self.enable_line[0])
         self._pins = [board.motors[channel] for channel in config.motors.channels]
         self._signs = config.motors.signs
-        self._period_ns = 1e9 / config.motor.pwm_frequency_hz
         self._encoder_index = [channel - 1 for channel in config.encoders.channels]
         self._battery_channel = config.battery.adc_channel
-        self._parts = None
-        self._counters, self._show_counts = pins.records(), direct(pins.show_counts)
-        p = self._counters[0]
+        self._connected = NOT_CONNECTED  # otherwise the number of exports by which the files' addresses are known
+        self._records, self._show_counts, self._read_duties = pins.records(), direct(pins.show_counts), direct(pins.read_duties)
+        p = self._records[0]
+        p["period_ns"] = 1e9 / config.motor.pwm_frequency_hz
         wheels = p["wheels"] = len(self._encoder_index)
         p["signed"] = sysfs.counts_are_signed
         files = [self.count_file(wheel) for wheel in range(wheels)]
@@ -34,41 +36,32 @@ class Wiring:
 
     def read(self, duty) -> bool:
         """Fills duty (wheels,) with the signed duties by wheel that the drivers see; returns whether they are enabled."""
-        if self._parts is None and not self._connect():
+        if self._connected != self._sysfs.exports and not self._connect() or not self._enable_bank.level(self.enable_line[1]):
             duty[:] = 0.0
             return False
-        if not self._enable_bank.level(self.enable_line[1]):
-            duty[:] = 0.0
-            return False
-        for i, (file, back, a_levels, a, b_levels, b, sign) in enumerate(self._parts):
-            if back is not None:
-                duty[i] = sign * (file.number() - back.number()) / self._period_ns
-            elif a_levels is not None:
-                duty[i] = (a_levels[a] - b_levels[b]) * sign * file.number() / self._period_ns
-            else:
-                duty[i] = sign * (file.number() / self._period_ns - b_levels[b])
+        self._read_duties(self._records, duty)
         return True
 
     def _connect(self) -> bool:
-        parts = []
-        for pin, sign in zip(self._pins, self._signs):
+        p = self._records[0]
+        for i, pin in enumerate(self._pins):
             files = [self._sysfs.duty_file(*channel) for channel in pin.channels]
             lines = [(self._gpio.bank(GPIO[line[0]]), line[1]) if line else (None, 0) for line in (pin.a, pin.b)]
             if None in files or not all(bank is None or bank.held(line) for bank, line in lines):
                 return False
-            (a_bank, a), (b_bank, b) = lines
-            levels = [bank.levels if bank else None for bank in (a_bank, b_bank)]
-            parts.append((files[0], files[1] if len(files) > 1 else None, levels[0], a, levels[1], b, sign * pin.polarity))
-        self._parts = parts
+            p["duty_at"][i], p["back_at"][i] = files[0].address, files[1].address if len(files) > 1 else 0
+            p["a_at"][i], p["b_at"][i] = (bank.address + line if bank else 0 for bank, line in lines)
+            p["sign"][i] = self._signs[i] * pin.polarity
+        self._connected = self._sysfs.exports
         return True
 
     def disconnect(self) -> None:
         """Looks the lines up anew at the next sample, after a driver was closed and opened."""
-        self._parts = None
+        self._connected = NOT_CONNECTED
 
     def show_encoders(self, counts) -> None:
         """Puts the wheels' counts into the counters."""
-        self._show_counts(self._counters, counts)
+        self._show_counts(self._records, counts)
 
     def count_file(self, wheel: int):
         """The mapped file of a wheel's counter."""
@@ -85,7 +78,7 @@ class Wiring:
 
     def forget_shown(self) -> None:
         """Shows all counts anew at the next sample, after their files were changed."""
-        self._counters["shown"], self._counters["length"] = pins.NEVER, -1
+        self._records["shown"], self._records["length"] = pins.NEVER, -1
 
     def show_battery(self, raw: int) -> None:
         """Puts the battery's reading into the ADC."""

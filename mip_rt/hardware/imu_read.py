@@ -7,10 +7,11 @@ import sys
 
 import numpy as np
 
-from mip_rt.compiled import call, njit, numba, records_at
+from mip_rt.compiled import njit, numba, records_at
 from mip_rt.hardware import packet_check
 from mip_rt.hardware import mpu9250_registers as r
 from mip_rt.hardware.imu_status import IMU_BAD_NORM, IMU_FROZEN, IMU_OK
+from mip_rt.hardware.transfers import transfer
 
 ONE_PACKET = r.PACKET_BYTES if sys.byteorder == "big" else r.PACKET_BYTES << 8  # the big-endian count as this machine reads it
 OTHER_COUNT = 0  # answer of `usual`: not one packet waits, or this driver has no usual read
@@ -39,12 +40,12 @@ def usual(read_at):
     read = records_at(read_at, 1, READ)[0]
     if read.function == 0:
         return np.int64(OTHER_COUNT)
-    refused = call(read.function, read.bus, read.count)
+    refused = transfer(read.function, read.bus, read.count)
     if refused != 0:
         return np.int64(-refused)
     if records_at(read.count_at, 1, np.uint16)[0] != ONE_PACKET:
         return np.int64(OTHER_COUNT)
-    refused = call(read.function, read.bus, read.fifo)
+    refused = transfer(read.function, read.bus, read.fifo)
     if refused != 0:
         return np.int64(-refused)
     found = packet_check.check(np.uintp(read.check_at), np.uintp(read.packet_at))

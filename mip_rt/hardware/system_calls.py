@@ -16,31 +16,37 @@ if JIT_DISABLED:
     import ctypes
 
     _LIBRARY = ctypes.CDLL(None, use_errno=True)
+    _ERRNO = ctypes.CDLL(None)["__errno_location"]
+    _ERRNO.restype = ctypes.c_void_p
 
-    def _result(name, *arguments):
+    def _called(name, *arguments):
         function = getattr(_LIBRARY, name)
-        function.restype = ctypes.c_ssize_t
+        function.restype = ctypes.c_int if name in ("ioctl", "poll") else ctypes.c_ssize_t
         found = function(*arguments)
         return found if found >= 0 else -ctypes.get_errno()
 
+    def result(found):
+        """See below."""
+        return found if found >= 0 else -ctypes.c_int.from_address(_ERRNO()).value
+
     def pread(fd, address, length):
         """See below."""
-        return _result("pread", int(fd), ctypes.c_void_p(int(address)), ctypes.c_size_t(int(length)), ctypes.c_long(0))
+        return _called("pread", int(fd), ctypes.c_void_p(int(address)), ctypes.c_size_t(int(length)), ctypes.c_long(0))
 
     def pwrite(fd, address, length):
         """See below."""
-        return _result("pwrite", int(fd), ctypes.c_void_p(int(address)), ctypes.c_size_t(int(length)), ctypes.c_long(0))
+        return _called("pwrite", int(fd), ctypes.c_void_p(int(address)), ctypes.c_size_t(int(length)), ctypes.c_long(0))
 
     def read(fd, address, length):
         """See below."""
-        return _result("read", int(fd), ctypes.c_void_p(int(address)), ctypes.c_size_t(int(length)))
+        return _called("read", int(fd), ctypes.c_void_p(int(address)), ctypes.c_size_t(int(length)))
 
     def ioctl(fd, request, address):
         """See below."""
-        return ctypes.c_int(_result("ioctl", int(fd), ctypes.c_ulong(int(request)), ctypes.c_void_p(int(address)))).value
+        return _called("ioctl", int(fd), ctypes.c_ulong(int(request)), ctypes.c_void_p(int(address)))
 
     def _poll(address, count, timeout_ms):
-        return ctypes.c_int(_result("poll", ctypes.c_void_p(int(address)), ctypes.c_ulong(count), int(timeout_ms))).value
+        return _called("poll", ctypes.c_void_p(int(address)), ctypes.c_ulong(count), int(timeout_ms))
 
 else:
     _C = numba.types.ExternalFunction
@@ -52,32 +58,33 @@ else:
     _C_ERRNO = _C("__errno_location", numba.uintp())
 
     @njit
-    def _result(found):
+    def result(found):
+        """What a function of the C library returned, or minus its errno."""
         return found if found >= 0 else -numba.intp(records_at(_C_ERRNO(), 1, np.int32)[0])
 
     @njit
     def pread(fd, address, length):
         """Bytes read from offset 0 to an address."""
-        return _result(_C_PREAD(np.int32(fd), np.uintp(address), np.uintp(length), np.intp(0)))
+        return result(_C_PREAD(np.int32(fd), np.uintp(address), np.uintp(length), np.intp(0)))
 
     @njit
     def pwrite(fd, address, length):
         """Bytes written to offset 0."""
-        return _result(_C_PWRITE(np.int32(fd), np.uintp(address), np.uintp(length), np.intp(0)))
+        return result(_C_PWRITE(np.int32(fd), np.uintp(address), np.uintp(length), np.intp(0)))
 
     @njit
     def read(fd, address, length):
         """Bytes read to an address."""
-        return _result(_C_READ(np.int32(fd), np.uintp(address), np.uintp(length)))
+        return result(_C_READ(np.int32(fd), np.uintp(address), np.uintp(length)))
 
     @njit
     def ioctl(fd, request, address):
         """0 or more; the argument is the address of its structure."""
-        return _result(numba.intp(_C_IOCTL(np.int32(fd), np.uintp(request), np.uintp(address))))
+        return result(numba.intp(_C_IOCTL(np.int32(fd), np.uintp(request), np.uintp(address))))
 
     @njit
     def _poll(address, count, timeout_ms):
-        return _result(numba.intp(_C_POLL(np.uintp(address), np.uintp(count), np.int32(timeout_ms))))
+        return result(numba.intp(_C_POLL(np.uintp(address), np.uintp(count), np.int32(timeout_ms))))
 
 
 @njit

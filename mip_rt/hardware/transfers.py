@@ -1,59 +1,65 @@
 """A bus's prepared transfers, made by compiled code: a call of the function whose address the bus tells.
 
-The real bus tells the address of a compiled function that makes the system call. A bus without one (fakes, a bus that measures) is reached
-through a callback into Python, so the code above is the same.
+The real bus tells the C library's ioctl. A bus without descriptor (fakes, a bus that measures) is reached through a callback into Python, so the
+code above is the same.
 """
 
 import ctypes
 import errno
 
-from mip_rt.compiled import JIT_DISABLED, callback, numba
+import numpy as np
+
+from mip_rt.compiled import call, njit
 from mip_rt.hardware import system_calls
 
 I2C_RDWR = 0x0707  # include/uapi/linux/i2c-dev.h
-_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_ssize_t, ctypes.c_size_t, ctypes.c_size_t)
-
-
-@callback(numba.intp(numba.uintp, numba.uintp))
-def _i2c_transfer(fd, address):
-    """0, or the errno: one I2C_RDWR with the structure at this address."""
-    return numba.intp(system_calls.transfer(fd, I2C_RDWR, address))
+_FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_size_t, ctypes.c_size_t, ctypes.c_size_t)
 
 
 class Entry:
-    """Where compiled code makes the transfers of one bus: function(bus, handle) returns 0 or the errno.
+    """Where compiled code makes the transfers of one bus: see `transfer`.
 
     Args:
         bus: with `transfer(prepared)`; where it also has `fd`, a prepared transfer is the address of the kernel's structure.
 
     Attributes:
-        function, bus: address and first argument, machine words.
+        function: address of an ioctl(bus, I2C_RDWR, handle); what refuses answers -1 and sets errno, or minus another errno.
+        bus: its first argument.
     """
 
     def __init__(self, bus):
-        self._transfer_of, self._prepared, self._trouble = bus, [], None
-        if not JIT_DISABLED and hasattr(bus, "fd"):
-            self.function, self.bus, self._callback = _i2c_transfer.address, bus.fd, None
-        else:
-            self._callback = _FUNCTION(self._call)
-            self.function, self.bus = ctypes.cast(self._callback, ctypes.c_void_p).value, 0
+        self._bus, self._prepared, self._trouble = bus, [], None
+        if hasattr(bus, "fd"):
+            self.function, self.bus = ctypes.cast(ctypes.CDLL(None).ioctl, ctypes.c_void_p).value, bus.fd
+            return
+        self._callback = _FUNCTION(self._call)
+        self.function, self.bus = ctypes.cast(self._callback, ctypes.c_void_p).value, 0
 
     def handle(self, prepared) -> int:
-        """Second argument for this transfer."""
-        if self._callback is None:
+        """Last argument for this transfer."""
+        if hasattr(self._bus, "fd"):
             return prepared
         self._prepared.append(prepared)
         return len(self._prepared) - 1
 
-    def _call(self, _, handle: int) -> int:
+    def _call(self, _, __, handle: int) -> int:
         try:
-            return self._transfer_of.transfer(self._prepared[handle])
+            return -self._bus.transfer(self._prepared[handle])
         except BaseException as trouble:  # it cannot pass through compiled code
             self._trouble = trouble
-            return errno.EIO
+            return -errno.EIO
 
     def check(self) -> None:
         """Raises what a transfer in Python has raised."""
         if self._trouble is not None:
             trouble, self._trouble = self._trouble, None
             raise trouble
+
+
+@njit
+def transfer(function, bus, handle):
+    """0, or the errno: an Entry's function called."""
+    found = call(function, bus, I2C_RDWR, handle)
+    if found >= 0:
+        return np.intp(0)
+    return -system_calls.result(np.intp(found)) if found == -1 else np.intp(-found)

@@ -17,7 +17,7 @@ import numpy as np
 from mip_rt import config as configuration
 from mip_rt import robots
 from mip_rt import session as runner
-from mip_rt.compiled import callback, njit, numba, records_at
+from mip_rt.compiled import njit, numba, records_at
 from mip_rt.config import scenario as scenarios
 from mip_rt.estimators import attitude, mbbr_ekf, mip_ekf, momentum_observer
 from mip_rt.fake import bench as fake_bench
@@ -85,13 +85,13 @@ SHOW = np.dtype(
 )
 
 
-@callback(numba.intp(numba.uintp, numba.uintp))
-def show(state_at, prepared):
+@numba.cfunc(numba.int32(numba.uintp, numba.uintp, numba.uintp))
+def show(state_at, request, handle):
     """As a bus's transfer (transfers.Entry): an ioctl that does nothing; after every second one (the FIFO was read) the next packet appears, and the counts of the next tick.
 
     Args:
         state_at: address of one SHOW.
-        prepared: not used.
+        request, handle: not used.
     """
     s = records_at(state_at, 1, SHOW)[0]
     if s.turn & 1:
@@ -104,7 +104,7 @@ def show(state_at, prepared):
             if s.encoders[i] != 0:
                 compiled_io.decimal(counts[compiled_io.MOST * (n + 1) + i], records_at(s.encoders[i], compiled_io.TEXT, np.uint8))
     s.turn += 1
-    return numba.intp(system_calls.transfer(s.fd, FIOCLEX, 0))
+    return np.int32(system_calls.transfer(s.fd, FIOCLEX, 0))
 
 
 def _fill(line, start_ns: int, count: int) -> None:
