@@ -4,6 +4,7 @@ import importlib.metadata
 import os
 import platform
 import resource
+import shutil
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -34,3 +35,19 @@ def closed_boards():
 
     yield
     board.Kernel.close_all()
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = (yield).get_result()
+    if call.when == "call":
+        item.passed = report.passed
+
+
+@pytest.fixture(autouse=True)
+def folder_of_a_passed_test_is_removed(request):
+    """Rings and recordings of a whole run of the tests would be 13 GB."""
+    yield
+    folder = request.node.funcargs.get("tmp_path")
+    if folder is not None and getattr(request.node, "passed", False):
+        shutil.rmtree(folder, ignore_errors=True)
