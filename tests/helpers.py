@@ -1,5 +1,11 @@
 """What several tests need: a dry run without a subprocess, on virtual time."""
 
+import functools
+import math
+import struct
+
+import numpy as np
+
 from mip_rt import config as configuration
 from mip_rt import session
 from mip_rt.config import scenario as scenarios
@@ -61,3 +67,14 @@ class DryRun:
 
         duty = np.zeros(len(self.config.motors.signs))
         return self.bench.kernel.motor_wiring.read(duty) and bool(duty.any())
+
+
+@functools.cache
+def _mounting():
+    return np.array(make_config().imu.mounting)
+
+
+def felt_by_chip(world):
+    """Specific force (m/s^2) and rate (rad/s) in body axes, from the registers of a fake.world.World."""
+    words = np.array(struct.unpack(">3hh3h", world.raw), float)
+    return _mounting() @ words[:3] * 8 * 9.80665 / 32768, _mounting() @ words[4:] * math.radians(2000) / 32768

@@ -81,8 +81,9 @@ def still_without_remote(seen, config) -> int | None:
         if name == "serial_error":
             heard[begin + 4 : end] = False
             heard[end] = True  # what waited in the port comes at once
-    for begin, end in seen.stalled:  # likewise what came while the loop did not run
-        heard[min(end + 4, len(heard) - 1)] |= heard[max(0, begin - 4) : end + 1].any()
+    for begin, end in seen.stalled:  # likewise what came while the loop did not run, at one of its next looks
+        if heard[max(0, begin - 4) : end + 1].any():
+            heard[end : end + 5] = True
     silent = rows["sample"] - _last_true(heard)[rows["sample"]]
     broken = beyond | ((silent > REMOTE_SILENT + 1) & ((velocity != 0.0) | (spin != 0.0)))
     row = _first(broken)

@@ -1,11 +1,14 @@
 """A log as read: what every reader returns."""
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from mip_rt import frame
+
+_NUMBERS = re.compile(r"<[fiu][248]|\|[iu]1")
 
 
 @dataclass
@@ -43,6 +46,9 @@ def record_type(description: dict) -> np.dtype:
         ValueError, KeyError, TypeError: the table is not one, or disagrees with the row size.
     """
     fields = [(f["name"], f["dtype"], tuple(f["shape"])) if f["shape"] else (f["name"], f["dtype"]) for f in description["fields"]]
+    for _, kind, *_ in fields:  # numpy understands much more, and answers to nonsense with errors of any kind
+        if not _NUMBERS.fullmatch(kind):
+            raise ValueError(f"{kind!r} is no type of a field")
     dtype = np.dtype(fields, align=True)
     if dtype.itemsize != description["row_bytes"]:
         raise ValueError("field table and row size disagree")

@@ -1,10 +1,10 @@
 """What is wrong with a simulated robot on purpose is wrong by as much as its configuration says."""
 
 import math
-import struct
 
 import numpy as np
 import pytest
+from helpers import felt_by_chip as chip
 from helpers import make_config
 
 from mip_rt.fake.world import World
@@ -20,12 +20,6 @@ def world(**changes):
     made.state[0].held = 0
     made.state[0].x[:] = 0.0
     return made
-
-
-def chip(made):
-    """Specific force (m/s^2) and rate (rad/s) in body axes, from the registers."""
-    words, mounting = np.array(struct.unpack(">3hh3h", made.raw), float), np.array(make_config().imu.mounting)
-    return mounting @ words[:3] * 8 * 9.80665 / 32768, mounting @ words[4:] * math.radians(2000) / 32768
 
 
 def momentum(made):

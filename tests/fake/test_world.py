@@ -5,6 +5,7 @@ import struct
 
 import numpy as np
 import pytest
+from helpers import felt_by_chip as chip
 from helpers import make_config
 
 from mip_rt.fake.world import World
@@ -26,13 +27,6 @@ def world(seed=1, **changes):
 
 def truth(made):
     return made.truth[made.truth_row]
-
-
-def chip(made):
-    """Specific force (m/s^2) and rate (rad/s) in body axes, from the registers."""
-    words = np.array(struct.unpack(">3hh3h", made.raw), float)
-    mounting = np.array(make_config().imu.mounting)
-    return mounting @ words[:3] * 8 * 9.80665 / 32768, mounting @ words[4:] * math.radians(2000) / 32768
 
 
 def quaternion(made):
