@@ -13,8 +13,9 @@ import numpy as np
 
 from mip_rt.hardware import mpu9250_registers as r
 from mip_rt.hardware.imu_status import IMU_BAD_NORM, IMU_FROZEN, IMU_NO_DATA, IMU_OK
-from mip_rt.hardware.mpu9250 import INTERNAL_HZ, Mpu9250, _bytes_of
+from mip_rt.hardware.mpu9250 import INTERNAL_HZ, Mpu9250
 from mip_rt.hardware.packet_check import FROZEN_AFTER
+from mip_rt.hardware.packet_reader import bytes_of
 
 ZEROS, ONES = bytes(r.RAW_BYTES), b"\xff" * r.RAW_BYTES
 LARGEST_STEP_RAD_S = 15.0  # of a rate from sample to sample: more is no motion
@@ -30,10 +31,10 @@ class RawMpu9250(Mpu9250):
         address = self._settings.address
         request, reply = self._message.write(address, [r.INT_STATUS]), self._message.read(address, 1 + r.RAW_BYTES)
         self._read_sample = self._bus.prepare(request, reply)
-        self._status, self._sample = _bytes_of(reply, 0, 1), _bytes_of(reply, 1, r.RAW_BYTES)
+        self._status, self._sample = bytes_of(reply, 0, 1), bytes_of(reply, 1, r.RAW_BYTES)
         self.packet = np.zeros(r.PACKET_BYTES, np.uint8)
         packet = memoryview(self.packet)
-        self._parts = [(packet[place : place + size], _bytes_of(reply, at, size)) for place, at, size in (
+        self._parts = [(packet[place : place + size], bytes_of(reply, at, size)) for place, at, size in (
             (ACCELEROMETER, 1, 6), (GYRO, 9, 6), (TEMPERATURE, 7, 2), (STATUS, 0, 1),
         )]  # fmt: skip
         self._largest_step = LARGEST_STEP_RAD_S / math.radians(self._settings.gyro_range_dps) * 32768.0

@@ -84,7 +84,8 @@ def measure(patient, bench, seconds: float) -> dict:
     with tempfile.TemporaryDirectory(dir="/dev/shm" if os.path.isdir("/dev/shm") else None) as folder:
         session = runner.Session(patient.config, bench, Path(folder), None, 1, "bench-board", None, patient.guard)
         imu, loop = session.devices.imu, session.loop
-        timed = imu._bus.transfer = TimedTransfers(imu._bus.transfer, round(3 * seconds * patient.config.realtime.rate_hz))
+        timed = TimedTransfers(imu._bus.transfer, round(3 * seconds * patient.config.realtime.rate_hz))
+        imu.watch(timed)
         session.devices.button.read = lambda: None  # nobody arms a robot that is being measured
         report = session.run(seconds, runner.install_signals())
         ticks = loop.ticks
