@@ -64,7 +64,7 @@ class Loop:
             supervisor.imu_silent(self.ticks)
             devices.imu.on_timeout()
             self.timeouts += 1
-            self._slack(wake_ns)
+            self._look(wake_ns)
             return False
 
         tick = self.ticks
@@ -107,13 +107,18 @@ class Loop:
         _LIMITS.pack_into(self.ring.buffer, place, _LIMITS.unpack_from(self.ring.buffer, place)[0] | limit)
 
     def _slack(self, now_ns: int) -> None:
-        """Work that may wait until the motors are written: remote bytes, button, battery."""
+        """Work that may wait until the motors are written."""
+        if self.ticks % REMOTE_EVERY == 0:
+            self._look(now_ns)
+        if self.ticks % BATTERY_EVERY == 0:
+            self.devices.battery_v = self.devices.battery.read()
+
+    def _look(self, now_ns: int) -> None:
+        """Takes what remote and button have sent; also while the IMU is silent, for what waits unread would look new later."""
         devices = self.devices
-        if self.ticks % REMOTE_EVERY == 0 and self._arrivals.poll(0):
+        if self._arrivals.poll(0):
             devices.remote.receive(now_ns)
             if devices.remote.heading_reset():
                 self.supervisor.request_heading_reset()
             if devices.button.read() is not None:
                 self.supervisor.press()
-        if self.ticks % BATTERY_EVERY == 0:
-            devices.battery_v = devices.battery.read()

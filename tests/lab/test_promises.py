@@ -142,6 +142,17 @@ def test_what_waited_in_the_port_while_the_loop_hung_counts_when_it_is_read(begi
     assert named(seen) == set()
 
 
+@pytest.mark.parametrize("begin_s", [5.0, 5.005, 5.01, 5.015])
+def test_the_remote_is_heard_while_the_imu_is_silent(begin_s):
+    """Otherwise its last bytes would be read, and look new, when the IMU is there again."""
+    events = [
+        Event(2.0, press="arm"), Event(3.3, 0.0, [0.0, -0.1]), Event(begin_s, fault="imu_silent", parameters={"for_s": 0.7146}),
+        Event(begin_s + 0.54, fault="serial_silent", parameters={"for_s": 1.3}),
+    ]  # fmt: skip
+    seen, _ = soak_run.observe(CONFIG, Scenario("both silent", "", 7.5, events), 1, 7.5)
+    assert named(seen) == set()
+
+
 def test_a_fault_that_nothing_explains_is_a_false_alarm(monkeypatch):
     from mip_rt.hardware.imu_status import IMU_FROZEN
     from mip_rt.loop import Loop
