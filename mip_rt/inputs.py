@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from mip_rt import guard_words
-from mip_rt.compiled import JIT_DISABLED, direct, njit, numba, record_array, records_at
+from mip_rt.compiled import JIT_DISABLED, direct, njit, records_at, span
 from mip_rt.hardware import compiled_io, line_events
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.remote import dead_man
@@ -76,14 +76,13 @@ def gatherer(devices, robot):
     owners = devices.imu_line.state, devices.counters, devices.imu.packet, devices.remote.state, robot.gyro_bias_rad_s
     addresses = np.zeros(1, ADDRESSES).view(np.recarray) if JIT_DISABLED else np.zeros(1, ADDRESSES)  # plain Python needs fields as attributes
     addresses[0] = (*(owner.ctypes.data for owner in owners), devices.guard.memory.buffer_info()[0])
-    bound = partial(_gather_for(robot.layout.dtype), addresses, robot.rows)
-    bound.owners = *owners, devices.guard  # whose memory must live as long as this
+    bound = partial(_gather_for(robot.layout.dtype), *span(addresses), *span(robot.rows))
+    bound.owners = *owners, devices.guard, addresses, robot.rows  # whose memory must live as long as this
     return bound
 
 
 def _gather_for(frame_dtype):
-    i8, f8 = numba.int64, numba.float64
-    return direct(gather, record_array(ADDRESSES), record_array(frame_dtype), *(i8,) * 9, f8, f8)
+    return direct(gather, ADDRESSES, frame_dtype, *("int64",) * 9, "float64", "float64")
 
 
 def compile_for(frame_dtype) -> None:

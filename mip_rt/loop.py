@@ -9,7 +9,7 @@ import struct
 from functools import partial
 
 from mip_rt import frame
-from mip_rt.compiled import direct
+from mip_rt.compiled import direct, span
 from mip_rt.hardware.compiled_io import read_counters
 from mip_rt.hardware.imu_status import IMU_NO_DATA
 from mip_rt.inputs import GUARD, REMOTE_LOST, gatherer
@@ -47,7 +47,7 @@ class Loop:
         layout = robot.layout
         self._results, self._at = layout.results, layout.offset
         self._pulses, self._no_pulses = layout.pulses, (0,) * layout.wheels
-        self._read_counters, self._gather = partial(direct(read_counters), devices.counters), gatherer(devices, robot)
+        self._read_counters, self._gather = partial(direct(read_counters), *span(devices.counters)), gatherer(devices, robot)
         self._persistent = robot.persistence.parts
         self._arrivals = select.poll()  # one look at both is cheaper than a read of each that finds nothing
         for fd in (devices.button.fd, *([devices.port.fd] if devices.port else [])):

@@ -1,6 +1,6 @@
 """The wires between the board's pins and the simulated robot: what the motor drivers make of PWM and lines, what the encoders show."""
 
-from mip_rt.compiled import direct
+from mip_rt.compiled import direct, span
 from mip_rt.fake import pins
 from mip_rt.hardware.boards import GPIO
 
@@ -26,6 +26,7 @@ class Wiring:
         self._battery_channel = config.battery.adc_channel
         self._parts = None
         self._counters, self._show_counts = pins.records(), direct(pins.show_counts)
+        self._counters_span = span(self._counters)
         p = self._counters[0]
         wheels = p["wheels"] = len(self._encoder_index)
         p["signed"] = sysfs.counts_are_signed
@@ -68,7 +69,7 @@ class Wiring:
 
     def show_encoders(self, counts) -> None:
         """Puts the wheels' counts into the counters."""
-        self._show_counts(self._counters, counts)
+        self._show_counts(*self._counters_span, *span(counts))
 
     def count_file(self, wheel: int):
         """The mapped file of a wheel's counter."""

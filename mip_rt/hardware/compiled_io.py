@@ -8,7 +8,7 @@ Source: sysfs attributes are read and written whole from offset 0 (Documentation
 
 import numpy as np
 
-from mip_rt.compiled import JIT_DISABLED, direct, njit, numba, record_array
+from mip_rt.compiled import JIT_DISABLED, direct, entry, njit
 from mip_rt.hardware.system_calls import pread, pwrite
 
 MOST = 4  # encoders or motors
@@ -54,7 +54,7 @@ def records(dtype, number: int):
 
 def writer_for(frame_dtype):
     """`write_pulses` for the rows of one robot, compiled."""
-    return direct(write_pulses, record_array(PULSES), record_array(frame_dtype), numba.int64)
+    return direct(write_pulses, PULSES, frame_dtype, "int64")
 
 
 @njit
@@ -108,13 +108,13 @@ def _read(c, i):
     return c.count[i]
 
 
-@njit([numba.int64(record_array(COUNTERS), numba.int64)])
+@entry(COUNTERS, "int64")
 def read_counter(counters, i):
     """Reads counter `i` alone; returns its unwrapped count."""
     return _read(counters[0], i)
 
 
-@njit([numba.void(record_array(COUNTERS))])
+@entry(COUNTERS)
 def read_counters(counters):
     """Reads all counters, unwrapped; one that cannot be read keeps its last count.
 

@@ -7,7 +7,7 @@ import errno
 
 import numpy as np
 
-from mip_rt.compiled import njit, numba, records_at
+from mip_rt.compiled import entry, records_at
 from mip_rt.hardware import system_calls
 
 BUFFERED = 64  # events that the kernel keeps, and that one read takes
@@ -31,7 +31,7 @@ STATE = np.dtype(
 )
 
 
-@njit([numba.int64(numba.uint64)])
+@entry("uint64")
 def take(state_at):
     """Reads all that is waiting; returns `count`, 0 where nothing is, or minus the errno.
 

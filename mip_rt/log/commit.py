@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from mip_rt.compiled import barrier, njit, numba, records_at
+from mip_rt.compiled import barrier, entry, records_at
 
 
-@njit([numba.void(numba.uint64, numba.int64, numba.int64)])
+@entry("uint64", "int64", "int64")
 def begin(rows_at, row_bytes, index):
     """Stores 0 into the sequence of a row: it is being written."""
     records_at(rows_at + np.uint64(row_bytes * index), 1, np.int64)[0] = 0
     barrier()
 
 
-@njit([numba.void(numba.uint64, numba.int64, numba.uint64, numba.int64, numba.int64)])
+@entry("uint64", "int64", "uint64", "int64", "int64")
 def commit(rows_at, row_bytes, counter_at, index, tick):
     """Stores tick + 1 into the sequence of a row, then into the counter: the row is complete."""
     barrier()

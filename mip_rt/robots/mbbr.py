@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.compiled import njit, numba, record_array
+from mip_rt.compiled import entry, njit
 from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
 from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf, momentum_observer, odometry
 from mip_rt.robots import battery, health, limit_bits, mbbr_sensors, onboard, sensors
@@ -282,17 +282,10 @@ def _finite(row):
     return abs(total) < math.inf
 
 
-SIGNATURE = numba.int64(
-    record_array(PARAMETERS),
-    record_array(STATE),
-    record_array(ESTIMATOR_PARAMETERS),
-    record_array(ESTIMATOR_STATE),
-    record_array(FRAME),
-    numba.int64,
-)
+TYPES = PARAMETERS, STATE, ESTIMATOR_PARAMETERS, ESTIMATOR_STATE, FRAME, "int64"
 
 
-@njit([SIGNATURE])
+@entry(*TYPES)
 def step(parameters, state, estimator_parameters, estimator_states, ring, index):
     """One tick of the robot: reads the raw sensor fields of ring[index] and writes all other fields of that row.
 

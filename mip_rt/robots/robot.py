@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.compiled import JIT_DISABLED, direct, numba, plain, record_array
+from mip_rt.compiled import JIT_DISABLED, direct, plain, span
 from mip_rt.robots.persistence import Persistence
 
 BATTERY_SMOOTHING_RAD_S = 2.0  # of the voltage that commands are scaled with
@@ -35,7 +35,7 @@ class Robot:
 
     def __init__(self, layout, names, controller: str, step, arrays, state_kept: int, kept: int, estimate: slice):
         self.layout, self.names, self.controller = layout, names, controller
-        self._step = direct(step, *(record_array(dtype) for _, dtype in arrays), record_array(layout.dtype), numba.int64)
+        self._step = direct(step, *(dtype for _, dtype in arrays), layout.dtype, "int64")
         self.parameters, self.state, self.estimator_parameters, self.estimator_states = (array for array, _ in arrays)
         self._arguments = tuple(plain(array, dtype) for array, dtype in arrays)
         self.command_in_force = np.asarray(self.state["applied"])[0]
@@ -46,7 +46,7 @@ class Robot:
     def attach(self, rows) -> None:
         """Uses this ring's rows."""
         self.rows = rows.view(np.recarray) if JIT_DISABLED else rows  # plain Python needs fields as attributes
-        self.step = partial(self._step, *self._arguments, self.rows)
+        self.step = partial(self._step, *(number for array in (*self._arguments, self.rows) for number in span(array)))
 
     def rehearse(self) -> None:
         """Runs the step once in each of its ways and forgets it: the first real tick then meets no cold page and no cold dispatcher."""
