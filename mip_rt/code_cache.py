@@ -23,8 +23,8 @@ CORTEX_A8 = "cortex-a8"  # the BeagleBone's processor
 SERVICE_CACHE = Path("/var/cache/mip-rt")  # CacheDirectory= of systemd/mip-rt.service
 # Every file in these may be compiled, or holds constants and record types that compiled code freezes.
 SOURCES = (
-    "compiled.py", "machine_code.py", "frame.py", "guard_words.py", "inputs.py", "log/commit.py", "remote/dead_man.py", "models", "estimators",
-    "controllers", "robots", "fake", *(f"hardware/{name}.py" for name in ("system_calls", "compiled_io", "packet_check", "line_events", "imu_status")),
+    "compiled.py", "code_cache.py", "machine_code.py", "frame.py", "guard_words.py", "inputs.py", "log/commit.py", "remote/dead_man.py", "models",
+    "estimators", "controllers", "robots", "fake", *(f"hardware/{name}.py" for name in ("system_calls", "compiled_io", "packet_check", "line_events", "imu_status")),
 )  # fmt: skip
 
 

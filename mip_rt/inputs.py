@@ -81,8 +81,13 @@ def gatherer(devices, robot):
     return bound
 
 
+def gather_types(frame_dtype) -> tuple:
+    """Types of the arguments of `gather` for the rows of one robot."""
+    return ADDRESSES, frame_dtype, *("int64",) * 9, "float64", "float64"
+
+
 def _gather_for(frame_dtype):
-    return direct(gather, ADDRESSES, frame_dtype, *("int64",) * 9, "float64", "float64")
+    return direct(gather, *gather_types(frame_dtype))
 
 
 def compile_for(frame_dtype) -> None:

@@ -2,7 +2,7 @@
 
 numba's own disk cache needs numba to read it, and importing numba is nearly half of what a start with it costs. So a function that the loop calls
 is kept a second time: its object code, as numba made it, together with a small wrapper that CPython calls with numbers (METH_FASTCALL). LLVM's linker,
-which llvmlite has, turns that into a function: 30 ms of numba's 3 s on the robot. The files lie in the cache folder, whose name is a hash of all
+which llvmlite has, turns that into a function: nothing beside what importing numba takes. The files lie in the cache folder, whose name is a hash of all
 sources, numba's version and the processor: stale code cannot be found.
 """
 
@@ -13,9 +13,14 @@ import os
 import sys
 import zlib
 
+SUFFIX = ".code"
 METH_FASTCALL = 0x80
 WRAPPER = "mip_rt_wrapper"
-NEVER_CALLED = "NRT_MemInfo_call_dtor"  # numba's release of an array that compiled code has allocated, which needs NRT_Allocate
+# Helpers of numba's that compiled code names, and what stands in for them. The first releases an array that compiled code has allocated: nothing here
+# can allocate, so it is never called. The others divide 64-bit integers on 32-bit processors, as the C compiler's library does.
+HELPERS = {"NRT_MemInfo_call_dtor": (None, "abort")}
+if sys.maxsize < 2**32:
+    HELPERS |= {f"numba_{name}": ("libgcc_s.so.1", f"__{way}i3") for name, way in (("sdiv", "divd"), ("srem", "modd"), ("udiv", "udivd"), ("urem", "umodd"))}
 _kept = []  # what must live as long as the process: engines and descriptions of functions
 
 
@@ -36,20 +41,15 @@ def function(name: str, types, folder, compiled):
     """
     # All types are written in hashed sources: what must be told apart are the uses of one function within them.
     layout = " ".join(kind if isinstance(kind, str) else f"{kind.itemsize} {kind.descr}" for kind in types)
-    key = f"{name}-{hashlib.sha256(layout.encode()).hexdigest()[:16]}"
-    return _function(key, folder, compiled)
-
-
-def _function(key, folder, compiled):
-    path = folder and folder / f"{key}.code"
+    path = folder and folder / f"{name}-{hashlib.sha256(layout.encode()).hexdigest()[:16]}{SUFFIX}"
     code = _read(path)
-    if code is None:
-        code = _object_code(*compiled())
-        made = _link(key, code)
-        if path:
-            _write(path, code)
-        return made
-    return _link(key, code)
+    if code is not None:
+        return _link(name, code)
+    code = _object_code(*compiled())
+    made = _link(name, code)
+    if path:
+        _write(path, code)
+    return made
 
 
 def _read(path):
@@ -77,15 +77,15 @@ def _llvm():
     """(llvmlite's linker, a machine for it)."""
     import llvmlite.binding as llvm
 
-    if "numba" not in sys.modules:  # which does the same
-        try:
-            llvm.initialize()
-        except RuntimeError:  # a newer one does that by itself
-            pass
-        llvm.initialize_native_target()
-        llvm.initialize_native_asmprinter()
-    if llvm.address_of_symbol(NEVER_CALLED) is None:
-        llvm.add_symbol(NEVER_CALLED, ctypes.cast(ctypes.CDLL(None).abort, ctypes.c_void_p).value)
+    try:
+        llvm.initialize()
+    except RuntimeError:  # a newer one does that by itself
+        pass
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    for name, (library, helper) in HELPERS.items():
+        if llvm.address_of_symbol(name) is None:
+            llvm.add_symbol(name, ctypes.cast(getattr(ctypes.CDLL(library), helper), ctypes.c_void_p).value)
     return llvm, llvm.Target.from_triple(llvm.get_process_triple())
 
 
@@ -127,7 +127,7 @@ def _refuse_numbas_own(library, function) -> None:
     """Without numba LLVM would end the process where code calls one of numba's helpers; to allocate is one of them."""
     process = ctypes.CDLL(None)
     wanted = [f.name for f in library._final_module.functions if f.is_declaration and not f.name.startswith("llvm.")]
-    unknown = [name for name in wanted if name != NEVER_CALLED and not hasattr(process, name)]
+    unknown = [name for name in wanted if name not in HELPERS and not hasattr(process, name)]
     if unknown:
         raise RuntimeError(f"{function.py_func.__name__} cannot be kept as machine code: it calls {', '.join(unknown)}")
 

@@ -9,15 +9,18 @@ types, intrinsic = numba.types, numba.extending.intrinsic
 _VECTOR = ir.VectorType(ir.DoubleType(), ROW)
 _LANES = ir.VectorType(ir.IntType(32), ROW)
 
+
 def _pointer(context, builder, array_type, array, row):
     data = context.make_array(array_type)(context, builder, array).data
     element = builder.gep(data, [builder.mul(row, ir.Constant(row.type, ROW))])
     return builder.bitcast(element, _VECTOR.as_pointer())
 
+
 def _broadcast(builder, scalar):
     undefined = ir.Constant(_VECTOR, ir.Undefined)
     first = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
     return builder.shuffle_vector(first, undefined, ir.Constant(_LANES, [0] * ROW))
+
 
 @intrinsic
 def add_scaled(typing_context, target, i, factor, source, k):
@@ -31,6 +34,7 @@ def add_scaled(typing_context, target, i, factor, source, k):
         return context.get_dummy_value()
 
     return types.void(target, types.uintp, types.float64, source, types.uintp), generate
+
 
 @intrinsic
 def copy(typing_context, target, i, source, k):

@@ -21,13 +21,13 @@ ROW = 16  # numbers in a row: the largest filter has 15 states, and 16 fills who
 VECTORS = sys.maxsize > 2**32 and not JIT_DISABLED
 
 
-
 def row_vectors():
     """The module of the vector operations; it needs numba."""
     return importlib.import_module("mip_rt.estimators.row_vectors")
 
 
 if VECTORS:
+
     @Later
     def _add_scaled():
         return row_vectors().add_scaled

@@ -52,9 +52,14 @@ def records(dtype, number: int):
     return made.view(np.recarray) if JIT_DISABLED else made
 
 
+def write_types(frame_dtype) -> tuple:
+    """Types of the arguments of `write_pulses` for the rows of one robot."""
+    return PULSES, frame_dtype, "int64"
+
+
 def writer_for(frame_dtype):
     """`write_pulses` for the rows of one robot, compiled."""
-    return direct(write_pulses, PULSES, frame_dtype, "int64")
+    return direct(write_pulses, *write_types(frame_dtype))
 
 
 @njit

@@ -18,7 +18,7 @@ import numpy as np
 from mip_rt import config as configuration
 from mip_rt import robots
 from mip_rt import session as runner
-from mip_rt.compiled import direct, njit, numba, records_at
+from mip_rt.compiled import direct, entry, njit, records_at
 from mip_rt.config import scenario as scenarios
 from mip_rt.estimators import attitude, mbbr_ekf, mip_ekf, momentum_observer
 from mip_rt.fake import bench as fake_bench
@@ -86,7 +86,7 @@ SHOW = np.dtype(
 )
 
 
-@njit([numba.int64(numba.uint64, numba.uint64)])
+@entry("uint64", "uint64")
 def show(state_at, prepared):
     """As a bus's transfer: an ioctl that does nothing; after every second one (the FIFO was read) the next packet appears, and the counts of the next tick.
 
