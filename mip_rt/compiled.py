@@ -146,7 +146,7 @@ def direct(function, *types):
     if JIT_DISABLED:
         return adapted
     name = f"{function.__module__}.{function.__qualname__}"
-    scalars = [word for kind in types for word in ((kind,) if isinstance(kind, str) else ("uint64", "int64"))]
+    scalars = [word for kind in types for word in ((kind,) if isinstance(kind, str) else ("uintp", "intp"))]
     return machine_code.function(name, types, CACHE_FOLDER, lambda: (Function(adapted, (), _options({"cache": False})).dispatcher, scalars))
 
 

@@ -6,6 +6,7 @@ which llvmlite has, turns that into a function: nothing beside what importing nu
 sources, numba's version and the processor: stale code cannot be found.
 """
 
+import contextlib
 import ctypes
 import functools
 import hashlib
@@ -69,7 +70,8 @@ def _write(path, code) -> None:
         new.write_bytes(code + zlib.crc32(code).to_bytes(4, "little"))
         os.replace(new, path)
     except OSError:
-        new.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            new.unlink(missing_ok=True)
 
 
 @functools.cache
@@ -137,7 +139,7 @@ def _build_wrapper(context, module, description) -> None:
     from llvmlite import ir
     from numba.core import types
 
-    any_object, size, long_long, double = context.get_value_type(types.pyobject), context.get_value_type(types.intp), ir.IntType(64), ir.DoubleType()
+    any_object, size, double = context.get_value_type(types.pyobject), context.get_value_type(types.intp), ir.DoubleType()  # Linux: a long is a size
     wrapper = ir.Function(module, ir.FunctionType(any_object, [any_object, any_object.as_pointer(), size]), WRAPPER)
     builder = ir.IRBuilder(wrapper.append_basic_block())
     python = context.get_python_api(builder)
@@ -157,10 +159,11 @@ def _build_wrapper(context, module, description) -> None:
             value = call("PyFloat_AsDouble", double, given)
             failed = builder.fcmp_ordered("==", value, ir.Constant(double, -1.0))
         else:
-            value = call("PyLong_AsLongLong" if kind.signed else "PyLong_AsUnsignedLongLong", long_long, given)
-            failed = builder.icmp_signed("==", value, ir.Constant(long_long, -1))
-            wanted = context.get_value_type(kind)
-            value = value if wanted.width == 64 else builder.trunc(value, wanted)
+            # On 32-bit ARM a long is made of a Python integer in a tenth of the instructions that a long long takes.
+            wanted = size if context.get_value_type(kind).width == size.width else ir.IntType(64)
+            name = ("PyLong_As" if kind.signed else "PyLong_AsUnsigned") + ("Long" if wanted is size else "LongLong")
+            value = call(name, wanted, given)
+            failed = builder.icmp_signed("==", value, ir.Constant(wanted, -1))
         native.append(value)
         doubtful = builder.or_(doubtful, failed)
     with builder.if_then(doubtful, likely=False):  # -1, or an error

@@ -31,7 +31,7 @@ STATE = np.dtype(
 )
 
 
-@entry("uint64")
+@entry("uintp")
 def take(state_at):
     """Reads all that is waiting; returns `count`, 0 where nothing is, or minus the errno.
 

@@ -79,7 +79,7 @@ else:
         return _result(np.intp(_C_POLL(np.uintp(address), np.uintp(count), np.int32(timeout_ms))))
 
 
-@entry("uint64", "int64", "float64")
+@entry("uintp", "int64", "float64")
 def wait_readable(polled_at, fd, timeout_s):
     """True as soon as fd can be read (or its other end is gone), False after the timeout. A signal does not end the wait.
 
@@ -95,7 +95,7 @@ def wait_readable(polled_at, fd, timeout_s):
     return ready > 0
 
 
-@entry("int64", "uint64", "uint64")
+@entry("int64", "uintp", "uintp")
 def transfer(fd, request, address):
     """0, or the errno: an ioctl on a structure that is already in memory."""
     found = ioctl(fd, request, address)

@@ -86,7 +86,7 @@ SHOW = np.dtype(
 )
 
 
-@entry("uint64", "uint64")
+@entry("uintp", "uintp")
 def show(state_at, prepared):
     """As a bus's transfer: an ioctl that does nothing; after every second one (the FIFO was read) the next packet appears, and the counts of the next tick.
 

@@ -5,14 +5,14 @@ import numpy as np
 from mip_rt.compiled import barrier, entry, records_at
 
 
-@entry("uint64", "int64", "int64")
+@entry("uintp", "int64", "int64")
 def begin(rows_at, row_bytes, index):
     """Stores 0 into the sequence of a row: it is being written."""
     records_at(rows_at + np.uint64(row_bytes * index), 1, np.int64)[0] = 0
     barrier()
 
 
-@entry("uint64", "int64", "uint64", "int64", "int64")
+@entry("uintp", "int64", "uintp", "int64", "int64")
 def commit(rows_at, row_bytes, counter_at, index, tick):
     """Stores tick + 1 into the sequence of a row, then into the counter: the row is complete."""
     barrier()

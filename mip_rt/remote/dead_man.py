@@ -44,7 +44,7 @@ def step(s, now_ns):
         s.command[i] = rest * s.wanted[i]
 
 
-@entry("uint64", "int64")
+@entry("uintp", "int64")
 def step_at(state_at, now_ns):
     """`step` of the STATE at this address."""
     step(records_at(state_at, 1, STATE)[0], now_ns)
