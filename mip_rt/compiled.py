@@ -1,172 +1,176 @@
-"""How mip-rt compiles: one decorator, one cache folder, one set of flags.
+"""How mip-rt compiles: one decorator, one set of flags, and numba only where something is to be compiled.
 
-numba's disk cache looks at one source file at a time: a function that calls another file's function keeps the old machine code
-when only that other file changes. So the cache folder's name is a hash of every source file that can end up in
-compiled code, of numba's version and of the CPU; any edit leads to a new, empty folder. `prepare` must run before numba is imported,
-which importing this module ensures: nothing else in mip-rt imports numba.
+A start of the robot compiles nothing, so it does not import numba, which alone is a second of the robot's processor. `@njit` marks a function;
+numba compiles it when compiled code wants it, or when it is called from Python and its machine code is not in numba's disk cache. What the
+loop calls is taken by `direct`: that machine code is kept ready to be called (`machine_code`), in a folder that any edit of the sources
+leaves behind (`code_cache`). Nothing else in mip-rt imports numba.
 """
 
-import atexit
-import contextlib
 import ctypes
-import hashlib
-import importlib.metadata
-import os
-import platform
+import functools
 import sys
-import tempfile
-import warnings
-from pathlib import Path
 
-PACKAGE = Path(__file__).parent
-CORTEX_A8 = "cortex-a8"  # the BeagleBone's processor
-SERVICE_CACHE = Path("/var/cache/mip-rt")  # CacheDirectory= of systemd/mip-rt.service
-# Every file in these may be compiled, or holds constants and record types that compiled code freezes.
-SOURCES = (
-    "compiled.py", "frame.py", "guard_words.py", "inputs.py", "log/commit.py", "remote/dead_man.py", "models", "estimators", "controllers", "robots",
-    "fake", *(f"hardware/{name}.py" for name in ("system_calls", "compiled_io", "packet_check", "line_events", "imu_status", "imu_read", "transfers", "mpu9250_registers")),
-)  # fmt: skip
+import numpy
+
+from mip_rt import code_cache, machine_code
+from mip_rt.code_cache import JIT_DISABLED, cpu_name, machine_type, source_files, source_hash, versions  # noqa: F401  (others take them from here)
+
+CACHE_FOLDER = code_cache.prepare()
+ENTRIES = []  # what @entry has marked in the modules that are imported so far
 
 
-def source_files() -> list[Path]:
-    """The files whose content decides whether compiled code is still valid, in a fixed order."""
-    files = []
-    for name in SOURCES:
-        path = PACKAGE / name
-        files += sorted(path.rglob("*.py")) if path.is_dir() else [path]
-    return [f for f in files if f.exists()]
+@functools.cache
+def _load_numba():
+    """numba, only after the cache folder is set."""
+    # numba looks for BLAS in scipy, where that is installed, which takes 0.2 s; nothing compiled here multiplies matrices with it.
+    sys.modules.setdefault("scipy.linalg.cython_blas", None)
+    import numba
+    import numba.np.arraymath
+
+    if sys.modules["scipy.linalg.cython_blas"] is None:
+        del sys.modules["scipy.linalg.cython_blas"]
+    return numba
 
 
-def source_hash() -> str:
-    """Hash (16 hex digits) of all sources that can reach compiled code."""
-    digest = hashlib.sha256()
-    for file in source_files():
-        digest.update(str(file.relative_to(PACKAGE)).encode() + b"\0" + file.read_bytes() + b"\0")
-    return digest.hexdigest()[:16]
+def __getattr__(name):
+    """`compiled.numba`: numba itself, loaded when it is first asked for."""
+    if name == "numba":
+        return _load_numba()
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
-def cpu_name() -> str:
-    """The CPU that code is compiled for.
+class Later:
+    """A name in a module that stands for something of numba's, made when the first function of that module is compiled."""
 
-    On 32-bit ARM LLVM aborts the process where it takes the CPU for a generic one (it then wants library calls for atomic
-    operations, numba issue 7452), so the BeagleBone's Cortex-A8 is named explicitly there.
+    def __init__(self, make):
+        self._make = make
+
+    @functools.cached_property
+    def made(self):
+        """What the name stands for."""
+        return self._make()
+
+
+def external(name: str, signature: str) -> Later:
+    """A function of the C library, for use in compiled code: external("read", "intp(int32, uintp, uintp)")."""
+
+    def make():
+        numba = _load_numba()
+        arguments, result = numba.core.sigutils.normalize_signature(signature)
+        return numba.types.ExternalFunction(name, numba.core.typing.signature(result, *arguments))
+
+    return Later(make)
+
+
+class Function:
+    """A Python function that numba compiles when it is first wanted.
+
+    Args:
+        function: the Python function.
+        signatures, options: numba's.
+        types: of its arguments, where the loop calls it: see `direct`.
     """
-    named = os.environ.get("NUMBA_CPU_NAME")
-    if named:
-        return named
-    if platform.machine().startswith("armv7"):
-        return CORTEX_A8
-    import llvmlite.binding
 
-    return llvmlite.binding.get_host_cpu_name()
+    def __init__(self, function, signatures, options, types=None):
+        functools.update_wrapper(self, function)
+        self.py_func, self._signatures, self._options, self.types = function, signatures, options, types
 
+    @functools.cached_property
+    def dispatcher(self):
+        """numba's function."""
+        known = self.py_func.__globals__
+        for name, value in list(known.items()):
+            if isinstance(value, Later):
+                known[name] = value.made
+        return _load_numba().njit(*self._signatures, **self._options)(self.py_func)
 
-def machine_type() -> dict:
-    """What must be the same for the same inputs to give the same bits: processor, compiler, libraries.
+    @property
+    def _numba_type_(self):
+        """By this numba recognises a function in compiled code."""
+        return self.dispatcher._numba_type_
 
-    The processor's features decide which multiplications and additions become one instruction, the C library computes sines.
-    """
-    import llvmlite.binding
+    def __call__(self, *arguments):
+        """Calls the compiled function from Python."""
+        return self.dispatcher(*arguments)
 
-    features = os.environ.get("NUMBA_CPU_FEATURES")
-    if features is None:
-        try:
-            features = llvmlite.binding.get_host_cpu_features().flatten()
-        except RuntimeError:  # LLVM cannot tell on some kernels; numba then uses the CPU's name alone
-            features = ""
-    return {
-        "machine": platform.machine(),
-        "cpu": cpu_name(),
-        "cpu_features": hashlib.sha256(features.encode()).hexdigest()[:8],
-        "libc": " ".join(platform.libc_ver()),
-        **{name: importlib.metadata.version(name) for name in ("numba", "llvmlite", "numpy")},
-        "compiled": not JIT_DISABLED,
-    }
+    def __getattr__(self, name):
+        """Everything else that numba's function has."""
+        if name.startswith("__") or "py_func" not in self.__dict__:
+            raise AttributeError(name)
+        return getattr(self.dispatcher, name)
 
 
-def cache_root() -> Path:
-    """Where compiled code is kept: $MIP_RT_CACHE, the service's cache folder, which root shares with it, or the user's."""
-    for variable in ("MIP_RT_CACHE", "CACHE_DIRECTORY"):
-        if os.environ.get(variable):
-            return Path(os.environ[variable])
-    if os.geteuid() == 0 and SERVICE_CACHE.is_dir():
-        return SERVICE_CACHE
-    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "mip-rt"
-
-
-def hand_over(folder: Path, owner: os.stat_result) -> None:
-    """Gives what root has compiled to the owner of the cache, who could not keep anything beside it otherwise."""
-    for path in (folder, *folder.rglob("*")):
-        with contextlib.suppress(OSError):
-            if path.stat().st_uid == 0:
-                os.chown(path, owner.st_uid, owner.st_gid)
-
-
-def prepare() -> Path | None:
-    """Points numba at the cache folder of exactly these sources.
-
-    Returns the folder, or None where no folder can be written; compilation then takes place at every start.
-    """
-    if "numba" in sys.modules:
-        raise RuntimeError("numba was imported before mip_rt.compiled: its cache could hold code of older sources")
-    cpu = cpu_name()
-    os.environ.setdefault("NUMBA_CPU_NAME", cpu)
-    if cpu == CORTEX_A8:
-        # What this processor has follows from its name. The kernel's list would add what a newer one has, and code kept for one
-        # would not be found on the other.
-        os.environ.setdefault("NUMBA_CPU_FEATURES", "")
-    key = hashlib.sha256(
-        f"{source_hash()} {importlib.metadata.version('numba')} {cpu} {sys.version}".encode()
-    ).hexdigest()[:16]
-    folder = cache_root() / f"numba-{key}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        warnings.warn(
-            f"compiled code cannot be kept in {folder} ({error.strerror}): every start will compile anew; "
-            "set MIP_RT_CACHE to a folder that can be written",
-            stacklevel=2,
-        )
-        return None
-    os.environ["NUMBA_CACHE_DIR"] = str(folder)
-    owner = folder.parent.stat()
-    if os.geteuid() == 0 and owner.st_uid != 0:
-        atexit.register(hand_over, folder, owner)
-    return folder
-
-
-CACHE_FOLDER = prepare()
-
-import numba  # noqa: E402, F401  (only after the cache folder is set; others take it from here)
-from llvmlite import ir  # noqa: E402
-from numba.extending import intrinsic, register_jitable  # noqa: E402, F401
-
-# numba looks for BLAS in scipy, where that is installed, which takes 0.2 s; nothing compiled here multiplies matrices with it.
-sys.modules.setdefault("scipy.linalg.cython_blas", None)
-import numba.np.arraymath  # noqa: E402, F401
-import numpy  # noqa: E402
-
-if sys.modules["scipy.linalg.cython_blas"] is None:
-    del sys.modules["scipy.linalg.cython_blas"]
-
-JIT_DISABLED = bool(numba.config.DISABLE_JIT)
-
-
-def njit(*signatures, **options):
-    """`numba.njit` with the flags of this project.
+def _options(options: dict) -> dict:
+    """With the flags of this project.
 
     The only relaxation of IEEE arithmetic is contraction of a*b+c into one instruction, as a C compiler does: order,
     NaN and infinity keep their meaning. Division by zero gives infinity or NaN, never an exception: the tick must not raise.
     """
-    settings = {"cache": CACHE_FOLDER is not None, "error_model": "numpy", "fastmath": {"contract"}, **options}
-    return numba.njit(*signatures, **settings)
+    return {"cache": CACHE_FOLDER is not None, "error_model": "numpy", "fastmath": {"contract"}, **options}
 
 
-def record_array(dtype):
-    """numba's type of a contiguous one-dimensional array of `dtype` records, for explicit signatures."""
-    return numba.types.Array(numba.from_dtype(dtype), 1, "C", aligned=True)
+def njit(*signatures, **options):
+    """`numba.njit` with the flags of this project, put off until the function is wanted."""
+    if len(signatures) == 1 and callable(signatures[0]) and not options and hasattr(signatures[0], "__code__"):
+        return njit()(signatures[0])
+    if JIT_DISABLED:
+        return lambda function: function
+    return lambda function: Function(function, signatures, _options(options))
+
+
+def entry(*types):
+    """As `njit`, for a function that the loop calls with arguments of these types: see `direct`."""
+
+    def mark(function):
+        marked = function if JIT_DISABLED else Function(function, (), _options({}), types)
+        marked.types = types
+        ENTRIES.append(marked)
+        return marked
+
+    return mark
+
+
+def direct(function, *types):
+    """A compiled function for arguments of these types as a Python callable: ready machine code, kept on disk.
+
+    Args:
+        function: marked by `njit`, or by `entry`, which names the types.
+        types: a scalar's name ("int64", "float64", ...), or for an array the dtype of its elements: instead of the array the callable takes two
+            integers, address and length, which cost less than the array: see `span`.
+
+    A call of the function itself first looks at every argument to choose among signatures: 0.1 us an argument, more than some of the
+    functions take. Here nothing is looked at, so the arrays must be contiguous, of that dtype, and outlive the callable's use.
+    """
+    types = types or function.types
+    adapted = _with_addresses(function, types)
+    if JIT_DISABLED:
+        return adapted
+    name = f"{function.__module__}.{function.__qualname__}"
+    scalars = [word for kind in types for word in ((kind,) if isinstance(kind, str) else ("uintp", "intp"))]
+    return machine_code.function(name, types, CACHE_FOLDER, lambda: (Function(adapted, (), _options({"cache": False})).dispatcher, scalars))
+
+
+def _with_addresses(function, types):
+    """A Python function that takes address and length of each array, and calls `function` with the arrays."""
+    if all(isinstance(kind, str) for kind in types):
+        return function.py_func if isinstance(function, Function) else function
+    names, arguments, known = [], [], {"function": function, "records_at": records_at}
+    for i, kind in enumerate(types):
+        if isinstance(kind, str):
+            names.append(f"a{i}")
+            arguments.append(f"a{i}")
+        else:
+            known[f"dtype{i}"] = numpy.dtype(kind)
+            names += [f"address{i}", f"length{i}"]
+            arguments.append(f"records_at(address{i}, length{i}, dtype{i})")
+    exec(f"def adapted({', '.join(names)}):\n    return function({', '.join(arguments)})", known)
+    return known["adapted"]
+
+
+def span(array) -> tuple[int, int]:
+    """(address, length) of an array, as a `direct` callable takes it; the array must outlive its use."""
+    array = numpy.asarray(array)
+    return array.__array_interface__["data"][0], len(array)
 
 
 def plain(records, dtype):
@@ -189,25 +193,39 @@ if JIT_DISABLED:
 
 else:
 
-    @intrinsic
-    def _barrier(typing_context):
-        def generate(context, builder, signature, arguments):
-            builder.fence("seq_cst")
-            return context.get_dummy_value()
+    @Later
+    def _barrier():
+        @_load_numba().extending.intrinsic
+        def barrier(typing_context):
+            def generate(context, builder, signature, arguments):
+                builder.fence("seq_cst")
+                return context.get_dummy_value()
 
-        return numba.types.void(), generate
+            return _load_numba().types.void(), generate
+
+        return barrier
+
+    @Later
+    def _pointer():
+        types = _load_numba().types
+
+        @_load_numba().extending.intrinsic
+        def pointer(typing_context, address):
+            def generate(context, builder, signature, arguments):
+                return builder.inttoptr(arguments[0], context.get_value_type(types.voidptr))
+
+            return types.voidptr(types.uintp), generate
+
+        return pointer
+
+    @Later
+    def _carray():
+        return _load_numba().carray
 
     @njit()
     def barrier():
         """What was stored before is visible to other processes before what is stored afterwards."""
         _barrier()
-
-    @intrinsic
-    def _pointer(typing_context, address):
-        def generate(context, builder, signature, arguments):
-            return builder.inttoptr(arguments[0], context.get_value_type(numba.types.voidptr))
-
-        return numba.types.voidptr(numba.types.uintp), generate
 
     @njit()
     def records_at(address, count, dtype):
@@ -215,31 +233,26 @@ else:
 
         An address is an integer, which costs less to hand over than an array.
         """
-        return numba.carray(_pointer(address), count, dtype)
+        return _carray(_pointer(address), count, dtype)
 
-    @intrinsic
-    def _call(typing_context, address, first, second, third):
-        def generate(context, builder, signature, arguments):
-            word = context.get_value_type(numba.types.uintp)
-            function = builder.inttoptr(arguments[0], ir.FunctionType(ir.IntType(32), [word] * 3).as_pointer())
-            return context.call_function_pointer(builder, function, arguments[1:])
+    @Later
+    def _call():
+        from llvmlite import ir
 
-        return numba.types.int32(*(numba.types.uintp,) * 4), generate
+        types = _load_numba().types
+
+        @_load_numba().extending.intrinsic
+        def call(typing_context, address, first, second, third):
+            def generate(context, builder, signature, arguments):
+                word = context.get_value_type(types.uintp)
+                function = builder.inttoptr(arguments[0], ir.FunctionType(ir.IntType(32), [word] * 3).as_pointer())
+                return context.call_function_pointer(builder, function, arguments[1:])
+
+            return types.int32(*(types.uintp,) * 4), generate
+
+        return call
 
     @njit()
     def call(address, first, second, third):
         """What the function at this address returns: of C's kind, from three machine words to an int."""
         return _call(address, first, second, third)
-
-
-def direct(function, *types):
-    """The machine code of a compiled function for these argument types, as a Python callable; without types, of its only signature.
-
-    A call of the function itself first looks at every argument to choose among signatures: 0.1 us an argument, more than some of the
-    functions take. Arguments of other types than the code was compiled for are not recognised here: for fixed arrays only.
-    """
-    if JIT_DISABLED:
-        return function
-    if types and types not in function.overloads:
-        function.compile(types)
-    return (function.overloads[types] if types else next(iter(function.overloads.values()))).entry_point

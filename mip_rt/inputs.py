@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from mip_rt import guard_words
-from mip_rt.compiled import JIT_DISABLED, direct, njit, numba, record_array, records_at
+from mip_rt.compiled import JIT_DISABLED, direct, entry, njit, records_at, span
 from mip_rt.hardware import compiled_io, imu_read, line_events
 from mip_rt.hardware.imu_status import IMU_OK
 from mip_rt.log import commit
@@ -27,7 +27,7 @@ SENSORS = np.dtype([("rows", "u8"), ("row_bytes", "i8"), ("counters", "u8"), ("i
 _beat = njit(guard_words.beat)
 
 
-@njit([numba.int64(numba.uint64, numba.int64)])
+@entry("uintp", "int64")
 def sense(sensors_at, index):
     """Begins row `index` and reads encoders and IMU; what they say is in their drivers' records then.
 
@@ -96,8 +96,8 @@ def gatherer(devices, robot):
     owners = devices.imu_line.state, devices.counters, devices.imu.packet, devices.remote.state, robot.gyro_bias_rad_s
     addresses = np.zeros(1, ADDRESSES).view(np.recarray) if JIT_DISABLED else np.zeros(1, ADDRESSES)  # plain Python needs fields as attributes
     addresses[0] = (*(owner.ctypes.data for owner in owners), devices.guard.memory.buffer_info()[0])
-    bound = partial(_gather_for(robot.layout.dtype), addresses, robot.rows)
-    bound.owners = *owners, devices.guard  # whose memory must live as long as this
+    bound = partial(_gather_for(robot.layout.dtype), *span(addresses), *span(robot.rows))
+    bound.owners = *owners, devices.guard, addresses, robot.rows  # whose memory must live as long as this
     return bound
 
 
@@ -112,9 +112,13 @@ def sensor(devices, ring):
     return bound
 
 
+def gather_types(frame_dtype) -> tuple:
+    """Types of the arguments of `gather` for the rows of one robot."""
+    return ADDRESSES, frame_dtype, *("int64",) * 9, "float64", "float64"
+
+
 def _gather_for(frame_dtype):
-    i8, f8 = numba.int64, numba.float64
-    return direct(gather, record_array(ADDRESSES), record_array(frame_dtype), *(i8,) * 9, f8, f8)
+    return direct(gather, *gather_types(frame_dtype))
 
 
 def compile_for(frame_dtype) -> None:

@@ -65,6 +65,7 @@ class _Checker:
 
     def __init__(self, source: str):
         self.source, self.errors, self.lines = source, [], {}
+        self._constructor = yaml.constructor.SafeConstructor()
 
     def refuse(self, line, key, message) -> None:
         place = {0: self.source, OVERRIDDEN: "--set"}.get(line, f"{self.source}:{line}")
@@ -92,7 +93,7 @@ class _Checker:
         if isinstance(yaml_node, yaml.SequenceNode):
             return _Node([self.node(item, f"{key}[{i}]", depth + 1) for i, item in enumerate(yaml_node.value)], line)
         try:
-            return _Node(yaml.SafeLoader("").construct_object(yaml_node), line)
+            return _Node(self._constructor.construct_object(yaml_node), line)
         except (yaml.YAMLError, ValueError, OverflowError):
             self.refuse(line, key, f"cannot read {yaml_node.value!r}")
             return _Node(None, line)
@@ -154,9 +155,26 @@ def _as_node(value, line=0) -> _Node:
     return _Node(value, line)
 
 
+if hasattr(yaml, "CSafeLoader"):
+    from yaml.composer import Composer
+    from yaml.cyaml import CParser
+    from yaml.resolver import Resolver
+
+    class _Loader(Composer, CParser, Resolver):
+        """libyaml's parser, a sixth of PyYAML's instructions, and PyYAML's composer: libyaml's would follow a deep nesting until the stack is full."""
+
+        def __init__(self, text):
+            CParser.__init__(self, text)
+            Composer.__init__(self)
+            Resolver.__init__(self)
+
+else:
+    _Loader = yaml.SafeLoader
+
+
 def _compose(text: str, checker: _Checker) -> _Node | None:
     try:
-        tree = yaml.compose(text, Loader=yaml.SafeLoader)
+        tree = _Loader(text).get_single_node()
         return None if tree is None else checker.node(tree)
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)

@@ -22,7 +22,7 @@ def f(x):
     return 2.0 * x + 1.0
 assert f(20.5) == 42.0
 folder = compiled.CACHE_FOLDER
-print("cache", folder or "", sum(1 for _ in pathlib.Path(folder).rglob("*.nbi")) if folder else 0, sep="\\t")
+print("cache", folder or "", sum(1 for _ in pathlib.Path(folder).glob("*.code")) if folder else 0, sep="\\t")
 """
 
 

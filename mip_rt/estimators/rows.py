@@ -12,55 +12,29 @@ Arguments in common: `first` and `n` bound the needed columns, first <= j < n; c
 both forms, to the bit: products are added one after the other.
 """
 
+import importlib
 import sys
 
-from mip_rt.compiled import JIT_DISABLED, njit
+from mip_rt.compiled import JIT_DISABLED, Later, njit
 
 ROW = 16  # numbers in a row: the largest filter has 15 states, and 16 fills whole vector registers
 VECTORS = sys.maxsize > 2**32 and not JIT_DISABLED
 
+
+def row_vectors():
+    """The module of the vector operations; it needs numba."""
+    return importlib.import_module("mip_rt.estimators.row_vectors")
+
+
 if VECTORS:
-    from llvmlite import ir
-    from numba import types
-    from numba.extending import intrinsic
 
-    _VECTOR = ir.VectorType(ir.DoubleType(), ROW)
-    _LANES = ir.VectorType(ir.IntType(32), ROW)
+    @Later
+    def _add_scaled():
+        return row_vectors().add_scaled
 
-    def _pointer(context, builder, array_type, array, row):
-        data = context.make_array(array_type)(context, builder, array).data
-        element = builder.gep(data, [builder.mul(row, ir.Constant(row.type, ROW))])
-        return builder.bitcast(element, _VECTOR.as_pointer())
-
-    def _broadcast(builder, scalar):
-        undefined = ir.Constant(_VECTOR, ir.Undefined)
-        first = builder.insert_element(undefined, scalar, ir.Constant(ir.IntType(32), 0))
-        return builder.shuffle_vector(first, undefined, ir.Constant(_LANES, [0] * ROW))
-
-    @intrinsic
-    def _add_scaled(typing_context, target, i, factor, source, k):
-        """target[i] += factor * source[k] for whole rows; a one-dimensional array of ROW numbers is its own row 0."""
-
-        def generate(context, builder, signature, arguments):
-            to = _pointer(context, builder, signature.args[0], arguments[0], arguments[1])
-            of = _pointer(context, builder, signature.args[3], arguments[3], arguments[4])
-            product = builder.fmul(_broadcast(builder, arguments[2]), builder.load(of, align=8), flags=("contract",))
-            builder.store(builder.fadd(builder.load(to, align=8), product, flags=("contract",)), to, align=8)
-            return context.get_dummy_value()
-
-        return types.void(target, types.uintp, types.float64, source, types.uintp), generate
-
-    @intrinsic
-    def _copy(typing_context, target, i, source, k):
-        """target[i] = source[k] for whole rows."""
-
-        def generate(context, builder, signature, arguments):
-            to = _pointer(context, builder, signature.args[0], arguments[0], arguments[1])
-            of = _pointer(context, builder, signature.args[2], arguments[2], arguments[3])
-            builder.store(builder.load(of, align=8), to, align=8)
-            return context.get_dummy_value()
-
-        return types.void(target, types.uintp, source, types.uintp), generate
+    @Later
+    def _copy():
+        return row_vectors().copy
 
     @njit(forceinline=True)
     def combine_rows(target, i, base, b, factors, f, scale, columns, begin, end, source, first, n):

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from mip_rt.compiled import njit, numba, record_array
+from mip_rt.compiled import entry, njit
 from mip_rt.fake import plant
 from mip_rt.models import friction, mip
 from mip_rt.models.mounting import about_axle
@@ -158,11 +158,10 @@ def advance_records(p, s, normal, duty, enabled, truth):
     _tell_truth(p, s, truth)
 
 
-@njit([numba.void(record_array(PARAMETERS), record_array(STATE), numba.float64[:, ::1], numba.int64, numba.float64[::1],
-                  numba.int64, record_array(TRUTH), numba.int64)])  # fmt: skip
-def advance(parameters, state, normals, sample, duty, enabled, truth, row):
+@entry(PARAMETERS, STATE, np.dtype("f8"), np.dtype("f8"), "int64", TRUTH, "int64")
+def advance(parameters, state, normal, duty, enabled, truth, row):
     """Moves the world by one IMU sample; arguments as `fake.mbbr_plant.advance`, two wheels."""
-    advance_records(parameters[0], state[0], normals[sample], duty, enabled, truth[row])
+    advance_records(parameters[0], state[0], normal, duty, enabled, truth[row])
 
 
 def configure(p, config) -> None:

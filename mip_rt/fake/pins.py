@@ -9,7 +9,7 @@ import os
 
 import numpy as np
 
-from mip_rt.compiled import JIT_DISABLED, njit, numba, record_array, records_at
+from mip_rt.compiled import JIT_DISABLED, entry, external, njit, records_at
 from mip_rt.hardware.compiled_io import MOST, TEXT, WRAP, decimal, number
 
 NEVER = -(1 << 62)  # a count that was not shown yet
@@ -51,8 +51,8 @@ if JIT_DISABLED:
         os.ftruncate(fd, length)
 
 else:
-    _C_MEMCPY = numba.types.ExternalFunction("memcpy", numba.uintp(numba.uintp, numba.uintp, numba.uintp))
-    _C_FTRUNCATE = numba.types.ExternalFunction("ftruncate", numba.int32(numba.int32, numba.intp))
+    _C_MEMCPY = external("memcpy", "uintp(uintp, uintp, uintp)")
+    _C_FTRUNCATE = external("ftruncate", "int32(int32, intp)")
 
     @njit
     def _put(address, text, length):
@@ -63,7 +63,7 @@ else:
         _C_FTRUNCATE(np.int32(fd), np.intp(length))
 
 
-@njit([numba.void(record_array(PINS), numba.int64[::1])])
+@entry(PINS, np.dtype("i8"))
 def show_counts(pins, counts):
     """Shows counts (wheels,): unsigned 32 bits for the counter subsystem, signed for tieqep. Only changes are written."""
     p = pins[0]
@@ -88,7 +88,7 @@ def _pulse(address):
     return number(records_at(np.uint64(address), TEXT, np.uint8), TEXT)[0]
 
 
-@njit([numba.void(record_array(PINS), numba.float64[::1])])
+@entry(PINS, np.dtype("f8"))
 def read_duties(pins, duty):
     """Fills duty (wheels,) with the signed duties by wheel: two PWM, two lines and a PWM, or one line and a PWM."""
     p = pins[0]

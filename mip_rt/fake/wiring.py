@@ -1,6 +1,6 @@
 """The wires between the board's pins and the simulated robot: what the motor drivers make of PWM and lines, what the encoders show."""
 
-from mip_rt.compiled import direct
+from mip_rt.compiled import direct, span
 from mip_rt.fake import pins
 from mip_rt.hardware.boards import GPIO
 
@@ -27,6 +27,7 @@ class Wiring:
         self._battery_channel = config.battery.adc_channel
         self._connected = NOT_CONNECTED  # otherwise the number of exports by which the files' addresses are known
         self._records, self._show_counts, self._read_duties = pins.records(), direct(pins.show_counts), direct(pins.read_duties)
+        self._span = span(self._records)
         p = self._records[0]
         p["period_ns"] = 1e9 / config.motor.pwm_frequency_hz
         wheels = p["wheels"] = len(self._encoder_index)
@@ -39,7 +40,7 @@ class Wiring:
         if self._connected != self._sysfs.exports and not self._connect() or not self._enable_bank.level(self.enable_line[1]):
             duty[:] = 0.0
             return False
-        self._read_duties(self._records, duty)
+        self._read_duties(*self._span, *span(duty))
         return True
 
     def _connect(self) -> bool:
@@ -61,7 +62,7 @@ class Wiring:
 
     def show_encoders(self, counts) -> None:
         """Puts the wheels' counts into the counters."""
-        self._show_counts(self._records, counts)
+        self._show_counts(*self._span, *span(counts))
 
     def count_file(self, wheel: int):
         """The mapped file of a wheel's counter."""

@@ -7,10 +7,11 @@ generator, drawn in blocks: the same seed and commands give the same world, bit 
 
 import importlib
 import math
+from functools import partial
 
 import numpy as np
 
-from mip_rt.compiled import direct, plain
+from mip_rt.compiled import direct, plain, span
 from mip_rt.fake.plant import NORMALS
 
 BLOCK = 1024  # samples of random numbers drawn at a time
@@ -58,7 +59,9 @@ class World:
         plant.configure(self.parameters[0], config)
         self._arguments = plain(self.parameters, plant.PARAMETERS), plain(self.state, plant.STATE)
         self.truth_rows = plain(self.truth, plant.TRUTH)
-        self._advance = direct(plant.advance)
+        self._advance = partial(direct(plant.advance), *(number for array in self._arguments for number in span(array)))
+        self._normals_at, self._normal_bytes = span(self._normals)[0], self._normals[0].nbytes
+        self._truth_span = span(self.truth_rows)
         s = self.state[0]
         self._held = np.asarray(self.state["held"])
         s.battery_v = self.parameters[0].battery_v
@@ -101,7 +104,7 @@ class World:
             self._random.standard_normal(out=self._normals)
         self.samples = samples = samples + 1
         self.truth_row = row = samples % TRUTH_ROWS
-        self._advance(*self._arguments, self._normals, block_row, duty, enabled, self.truth_rows, row)
+        self._advance(self._normals_at + block_row * self._normal_bytes, NORMALS, *span(duty), enabled, *self._truth_span, row)
 
     def set(self, name: str, value) -> None:
         """Changes a parameter of the running world.

@@ -8,7 +8,7 @@ Source: sysfs attributes are read and written whole from offset 0 (Documentation
 
 import numpy as np
 
-from mip_rt.compiled import JIT_DISABLED, direct, njit, numba, record_array
+from mip_rt.compiled import JIT_DISABLED, direct, entry, njit
 from mip_rt.hardware.system_calls import pread, pwrite
 
 MOST = 4  # encoders or motors
@@ -54,9 +54,14 @@ def records(dtype, number: int):
     return made.view(np.recarray) if JIT_DISABLED else made
 
 
+def write_types(frame_dtype) -> tuple:
+    """Types of the arguments of `write_pulses` for the rows of one robot."""
+    return PULSES, frame_dtype, "int64"
+
+
 def writer_for(frame_dtype):
     """`write_pulses` for the rows of one robot, compiled."""
-    return direct(write_pulses, record_array(PULSES), record_array(frame_dtype), numba.int64)
+    return direct(write_pulses, *write_types(frame_dtype))
 
 
 @njit
@@ -110,7 +115,7 @@ def _read(c, i):
     return c.count[i]
 
 
-@njit([numba.int64(record_array(COUNTERS), numba.int64)])
+@entry(COUNTERS, "int64")
 def read_counter(counters, i):
     """Reads counter `i` alone; returns its unwrapped count."""
     return _read(counters[0], i)

@@ -5,7 +5,9 @@ mainline driver begins with a ceiling of 0, at which nothing counts.
 """
 
 import os
+from functools import partial
 
+from mip_rt.compiled import direct, span
 from mip_rt.errors import EncoderError
 from mip_rt.hardware import compiled_io, sysfs
 
@@ -29,6 +31,7 @@ class Encoder:
 
     def __init__(self, kernel, address: str, bank=None, index: int = 0):
         self._bank, self._index = compiled_io.records(compiled_io.COUNTERS, 1) if bank is None else bank, index
+        self._read = partial(direct(compiled_io.read_counter), *span(self._bank))
         counter = sysfs.find_by_address(kernel.path("sys/bus/counter/devices"), "counter*", address)
         if counter is not None:
             self.interface, self._folder = "counter", counter / "count0"
@@ -101,7 +104,7 @@ class Encoder:
 
     def read(self) -> int:
         """The unwrapped count; the last one where reading failed. Never raises."""
-        return compiled_io.read_counter(self._bank, self._index)
+        return self._read(self._index)
 
     def close(self) -> None:
         """Closes the file; the counter goes on."""

@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from mip_rt.compiled import njit, numba, records_at
+from mip_rt.compiled import entry, njit, records_at
 from mip_rt.hardware import packet_check
 from mip_rt.hardware import mpu9250_registers as r
 from mip_rt.hardware.imu_status import IMU_BAD_NORM, IMU_FROZEN, IMU_OK
@@ -54,7 +54,7 @@ def usual(read_at):
     return np.int64(IMU_FROZEN if found == packet_check.FROZEN else IMU_BAD_NORM)
 
 
-@njit([numba.int64(numba.uint64)])
+@entry("uintp")
 def read_usual(read_at):
     """`usual`, for callers in Python."""
     return usual(read_at)

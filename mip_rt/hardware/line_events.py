@@ -7,7 +7,7 @@ import errno
 
 import numpy as np
 
-from mip_rt.compiled import njit, numba, records_at
+from mip_rt.compiled import entry, records_at
 from mip_rt.hardware import system_calls
 
 BUFFERED = 64  # events that the kernel keeps, and that one read takes
@@ -31,7 +31,7 @@ STATE = np.dtype(
 )
 
 
-@njit([numba.int64(numba.uint64)])
+@entry("uintp")
 def take(state_at):
     """Reads all that is waiting; returns `count`, 0 where nothing is, or minus the errno.
 
@@ -58,7 +58,7 @@ def take(state_at):
     return np.int64(count)
 
 
-@njit([numba.int64(numba.uint64, numba.uint64, numba.float64)])
+@entry("uintp", "uintp", "float64")
 def wait(state_at, polled_at, timeout_s):
     """Waits for events and takes them: as `take`, 0 also after the timeout.
 

@@ -12,6 +12,7 @@ Source: data sheets of TB6612FNG and MC33926; librobotcontrol's motor table.
 
 from functools import partial
 
+from mip_rt.compiled import span
 from mip_rt.errors import MotorError
 from mip_rt.hardware import compiled_io
 from mip_rt.hardware.boards import GPIO
@@ -86,7 +87,7 @@ class Motors:
     def attach(self, rows) -> None:
         """Takes pulses from these rows of frames and notes there what was applied."""
         self._rows = rows
-        self._write = partial(compiled_io.writer_for(rows.dtype), self._pulses, rows)
+        self._write = partial(compiled_io.writer_for(rows.dtype), *span(self._pulses), *span(rows))
 
     def enable(self) -> bool:
         """Wakes the drivers with duty 0; False where the kernel refuses."""

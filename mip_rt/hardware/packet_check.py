@@ -5,7 +5,7 @@ In Python these few lines are 4,000 ARM instructions a tick, compiled they are 3
 
 import numpy as np
 
-from mip_rt.compiled import njit, numba, records_at
+from mip_rt.compiled import entry, records_at
 
 WORDS = 8  # of 32 bits in a packet
 FROZEN_AFTER = 10  # equal packets in a row
@@ -18,7 +18,7 @@ _ONE = float(1 << 30)  # of the quaternion's words
 _LEAST, _MOST = ((1.0 - NORM_TOLERANCE) * _ONE) ** 2, ((1.0 + NORM_TOLERANCE) * _ONE) ** 2
 
 
-@njit([numba.int64(numba.uintp, numba.uintp)])
+@entry("uintp", "uintp")
 def check(state_at, packet_at):
     """GOOD, BAD_NORM or FROZEN.
 

@@ -6,7 +6,7 @@ some fifty. As in the kernel's own interface, a result below zero is minus the e
 
 import numpy as np
 
-from mip_rt.compiled import JIT_DISABLED, njit, numba, records_at
+from mip_rt.compiled import JIT_DISABLED, entry, external, njit, records_at
 
 POLLIN = 0x1
 EINTR = 4
@@ -49,18 +49,17 @@ if JIT_DISABLED:
         return _called("poll", ctypes.c_void_p(int(address)), ctypes.c_ulong(count), int(timeout_ms))
 
 else:
-    _C = numba.types.ExternalFunction
-    _C_PREAD = _C("pread", numba.intp(numba.int32, numba.uintp, numba.uintp, numba.intp))
-    _C_PWRITE = _C("pwrite", numba.intp(numba.int32, numba.uintp, numba.uintp, numba.intp))
-    _C_READ = _C("read", numba.intp(numba.int32, numba.uintp, numba.uintp))
-    _C_IOCTL = _C("ioctl", numba.int32(numba.int32, numba.uintp, numba.uintp))
-    _C_POLL = _C("poll", numba.int32(numba.uintp, numba.uintp, numba.int32))
-    _C_ERRNO = _C("__errno_location", numba.uintp())
+    _C_PREAD = external("pread", "intp(int32, uintp, uintp, intp)")
+    _C_PWRITE = external("pwrite", "intp(int32, uintp, uintp, intp)")
+    _C_READ = external("read", "intp(int32, uintp, uintp)")
+    _C_IOCTL = external("ioctl", "int32(int32, uintp, uintp)")
+    _C_POLL = external("poll", "int32(uintp, uintp, int32)")
+    _C_ERRNO = external("__errno_location", "uintp()")
 
     @njit
     def result(found):
         """What a function of the C library returned, or minus its errno."""
-        return found if found >= 0 else -numba.intp(records_at(_C_ERRNO(), 1, np.int32)[0])
+        return found if found >= 0 else -np.intp(records_at(_C_ERRNO(), 1, np.int32)[0])
 
     @njit
     def pread(fd, address, length):
@@ -80,11 +79,11 @@ else:
     @njit
     def ioctl(fd, request, address):
         """0 or more; the argument is the address of its structure."""
-        return result(numba.intp(_C_IOCTL(np.int32(fd), np.uintp(request), np.uintp(address))))
+        return result(np.intp(_C_IOCTL(np.int32(fd), np.uintp(request), np.uintp(address))))
 
     @njit
     def _poll(address, count, timeout_ms):
-        return result(numba.intp(_C_POLL(np.uintp(address), np.uintp(count), np.int32(timeout_ms))))
+        return result(np.intp(_C_POLL(np.uintp(address), np.uintp(count), np.int32(timeout_ms))))
 
 
 @njit
@@ -103,7 +102,7 @@ def wait_readable(polled_at, fd, timeout_s):
     return ready > 0
 
 
-@njit([numba.int64(numba.int64, numba.uint64, numba.uint64)])
+@entry("int64", "uintp", "uintp")
 def transfer(fd, request, address):
     """0, or the errno: an ioctl on a structure that is already in memory."""
     found = ioctl(fd, request, address)

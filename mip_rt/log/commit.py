@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from mip_rt.compiled import barrier, njit, numba, records_at
+from mip_rt.compiled import barrier, entry, records_at
 
 
-@njit([numba.void(numba.uint64, numba.int64, numba.int64)])
+@entry("uintp", "int64", "int64")
 def begin(rows_at, row_bytes, index):
     """Stores 0 into the sequence of a row: it is being written."""
     records_at(rows_at + np.uint64(row_bytes * index), 1, np.int64)[0] = 0
     barrier()
 
 
-@njit([numba.void(numba.uint64, numba.int64, numba.uint64, numba.int64, numba.int64)])
+@entry("uintp", "int64", "uintp", "int64", "int64")
 def commit(rows_at, row_bytes, counter_at, index, tick):
     """Stores tick + 1 into the sequence of a row, then into the counter: the row is complete."""
     barrier()
@@ -24,7 +24,7 @@ def commit(rows_at, row_bytes, counter_at, index, tick):
 RESULTS = np.dtype([("fault", "i8"), ("step_ns", "i8"), ("write_ns", "i8")])
 
 
-@njit([numba.void(numba.uint64, numba.int64, numba.uint64, numba.uint64, numba.int64, numba.int64, numba.int64, numba.int64, numba.int64)])
+@entry("uintp", "int64", "uintp", "uintp", *("int64",) * 5)
 def finish(rows_at, row_bytes, results_at, counter_at, index, tick, fault, step_ns, write_ns):
     """Writes what is known at the end of a tick (RESULTS, at `results_at` of the row) and commits it."""
     results = records_at(rows_at + np.uint64(row_bytes * index) + results_at, 1, RESULTS)[0]

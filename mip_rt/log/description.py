@@ -6,8 +6,6 @@ import subprocess
 import time
 from pathlib import Path
 
-import numpy as np
-
 import mip_rt
 from mip_rt import frame
 
@@ -36,8 +34,6 @@ def header(layout: frame.Layout, config_text: str, extra: dict | None = None, mo
         extra: what the run adds: seed, scenario, estimators, calibration, names of codes, settings of the recorder.
         monotonic_ns: the clock of the frame's times at this moment, where that is not the machine's (virtual time).
     """
-    import llvmlite
-
     from mip_rt import compiled
 
     return {
@@ -49,12 +45,7 @@ def header(layout: frame.Layout, config_text: str, extra: dict | None = None, mo
         "estimate_names": layout.estimate_names,
         "row_bytes": layout.dtype.itemsize,
         "config": config_text,
-        "versions": {
-            "python": platform.python_version(),
-            "numba": compiled.numba.__version__,
-            "numpy": np.__version__,
-            "llvmlite": llvmlite.__version__,
-        },
+        "versions": {"python": platform.python_version(), **compiled.versions()},
         "machine_type": compiled.machine_type(),
         "host": {
             "name": platform.node(),

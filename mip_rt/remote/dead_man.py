@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from mip_rt.compiled import njit, numba, records_at
+from mip_rt.compiled import entry, njit, records_at
 
 STATE = np.dtype(
     [
@@ -44,7 +44,7 @@ def step(s, now_ns):
         s.command[i] = rest * s.wanted[i]
 
 
-@njit([numba.void(numba.uint64, numba.int64)])
+@entry("uintp", "int64")
 def step_at(state_at, now_ns):
     """`step` of the STATE at this address."""
     step(records_at(state_at, 1, STATE)[0], now_ns)

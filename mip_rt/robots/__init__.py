@@ -6,7 +6,7 @@ NAMES = ("mbbr", "edumip")
 
 
 def setup(name: str):
-    """The module that builds the robot of this name: `build(config)`, `Judge(config)` and `FRAME`; imported, and so compiled, only now."""
+    """The module that builds the robot of this name: `build(config)`, `Judge(config)` and `FRAME`; imported only now."""
     return importlib.import_module(f"mip_rt.robots.{name}_setup")
 
 

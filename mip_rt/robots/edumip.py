@@ -9,13 +9,12 @@ import math
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.compiled import njit, numba, records_at
+from mip_rt.compiled import entry, njit
 from mip_rt.controllers import mip_drive, mip_feedback, mip_reference, pid, successive_loop
 from mip_rt.estimators import complementary, complementary_kf, ekf, mip_ekf, mip_planar_kf
 from mip_rt.robots import battery, edumip_sensors, health, limit_bits, onboard, sensors
 from mip_rt.robots import edumip_imu_slots as imu_slots
 from mip_rt.robots.edumip_frame import FRAME
-from mip_rt.robots.memory import MEMORY
 
 KIND_EKF, KIND_PLANAR, KIND_COMPLEMENTARY, KIND_COMPLEMENTARY_KF, KIND_DMP = 0, 1, 2, 3, 4
 LQR, SUCCESSIVE_LOOP, PID = 0, 1, 2
@@ -290,7 +289,10 @@ def _finite(row):
     return abs(total) < math.inf
 
 
-@njit
+TYPES = PARAMETERS, STATE, ESTIMATOR_PARAMETERS, ESTIMATOR_STATE, FRAME, "int64"
+
+
+@entry(*TYPES)
 def step(parameters, state, estimator_parameters, estimator_states, ring, index):
     """One tick of the robot: reads the raw sensor fields of ring[index] and writes all other fields of that row.
 
@@ -361,17 +363,3 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
     row.limits = limits
     row.alarms = alarms
     return row.imu_status << frame.STATUS_AT | row.limits << frame.LIMITS_AT | row.alarms << frame.ALARMS_AT  # fields: 64 bits on any machine
-
-
-@njit([numba.int64(numba.uint64, numba.int64)])
-def step_at(memory_at, index):
-    """`step` on the arrays whose addresses are in a MEMORY record; memory_at: address of that."""
-    m = records_at(memory_at, 1, MEMORY)[0]
-    return step(
-        records_at(m.parameters, 1, PARAMETERS),
-        records_at(m.state, 1, STATE),
-        records_at(m.estimator_parameters, m.estimators, ESTIMATOR_PARAMETERS),
-        records_at(m.estimator_states, m.estimators, ESTIMATOR_STATE),
-        records_at(m.rows, m.capacity, FRAME),
-        index,
-    )

@@ -149,7 +149,7 @@ def build(config, shadows=None) -> Robot:
         (states, robot.ESTIMATOR_STATE),
     )
     return Robot(
-        edumip_frame.LAYOUT, names, config.control.controller, robot.step_at, arrays, robot.PERSISTENT, robot.ESTIMATOR_PERSISTENT,
+        edumip_frame.LAYOUT, names, config.control.controller, robot.step, arrays, robot.PERSISTENT, robot.ESTIMATOR_PERSISTENT,
         robot.ESTIMATE_BYTES,
     )
 

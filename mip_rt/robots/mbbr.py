@@ -10,12 +10,11 @@ import math
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.compiled import njit, numba, records_at
+from mip_rt.compiled import entry, njit
 from mip_rt.controllers import gain_schedule, reference, spin_down, state_feedback, wheel_drive
 from mip_rt.estimators import ekf, mbbr_ekf, mbbr_kf, momentum_observer, odometry
 from mip_rt.robots import battery, health, limit_bits, mbbr_sensors, onboard, sensors
 from mip_rt.robots.mbbr_frame import FRAME
-from mip_rt.robots.memory import MEMORY
 
 KIND_EKF = 0
 KIND_KF = 1
@@ -283,7 +282,10 @@ def _finite(row):
     return abs(total) < math.inf
 
 
-@njit
+TYPES = PARAMETERS, STATE, ESTIMATOR_PARAMETERS, ESTIMATOR_STATE, FRAME, "int64"
+
+
+@entry(*TYPES)
 def step(parameters, state, estimator_parameters, estimator_states, ring, index):
     """One tick of the robot: reads the raw sensor fields of ring[index] and writes all other fields of that row.
 
@@ -360,17 +362,3 @@ def step(parameters, state, estimator_parameters, estimator_states, ring, index)
     row.limits = limits
     row.alarms = alarms
     return row.imu_status << frame.STATUS_AT | row.limits << frame.LIMITS_AT | row.alarms << frame.ALARMS_AT  # fields: 64 bits on any machine
-
-
-@njit([numba.int64(numba.uint64, numba.int64)])
-def step_at(memory_at, index):
-    """`step` on the arrays whose addresses are in a MEMORY record; memory_at: address of that."""
-    m = records_at(memory_at, 1, MEMORY)[0]
-    return step(
-        records_at(m.parameters, 1, PARAMETERS),
-        records_at(m.state, 1, STATE),
-        records_at(m.estimator_parameters, m.estimators, ESTIMATOR_PARAMETERS),
-        records_at(m.estimator_states, m.estimators, ESTIMATOR_STATE),
-        records_at(m.rows, m.capacity, FRAME),
-        index,
-    )

@@ -102,7 +102,7 @@ def build(config, shadows=None) -> Robot:
         (states, robot.ESTIMATOR_STATE),
     )
     return Robot(
-        mbbr_frame.LAYOUT, names, CONTROLLER, robot.step_at, arrays, robot.PERSISTENT, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES
+        mbbr_frame.LAYOUT, names, CONTROLLER, robot.step, arrays, robot.PERSISTENT, robot.ESTIMATOR_PERSISTENT, robot.ESTIMATE_BYTES
     )
 
 

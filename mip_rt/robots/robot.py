@@ -5,8 +5,7 @@ from functools import partial
 import numpy as np
 
 from mip_rt import frame
-from mip_rt.compiled import JIT_DISABLED, direct, plain
-from mip_rt.robots.memory import MEMORY
+from mip_rt.compiled import JIT_DISABLED, direct, plain, span
 from mip_rt.robots.persistence import Persistence
 
 BATTERY_SMOOTHING_RAD_S = 2.0  # of the voltage that commands are scaled with
@@ -20,8 +19,8 @@ class Robot:
         layout: frame.Layout of its rows.
         names: estimator names by slot; the first controls.
         controller: name of the controller.
-        step_at: compiled function of (address of a MEMORY record, index of a row).
-        arrays: parameters, state, estimator parameters, estimator states as (record array, dtype).
+        step: compiled function of (parameters, state, estimator parameters, estimator states, rows, index).
+        arrays: its first four arguments as (record array, dtype).
         state_kept: bytes of the robot's state that persist.
         kept, estimate: of an estimator's state: bytes that persist, and the range of them that is the estimate (see robots.persistence).
 
@@ -34,9 +33,9 @@ class Robot:
         persistence: what the next tick reads of this one: see robots.persistence.
     """
 
-    def __init__(self, layout, names, controller: str, step_at, arrays, state_kept: int, kept: int, estimate: slice):
+    def __init__(self, layout, names, controller: str, step, arrays, state_kept: int, kept: int, estimate: slice):
         self.layout, self.names, self.controller = layout, names, controller
-        self._step_at = direct(step_at)
+        self._step = direct(step, *(dtype for _, dtype in arrays), layout.dtype, "int64")
         self.parameters, self.state, self.estimator_parameters, self.estimator_states = (array for array, _ in arrays)
         self._arguments = tuple(plain(array, dtype) for array, dtype in arrays)
         self.command_in_force = np.asarray(self.state["applied"])[0]
@@ -47,10 +46,7 @@ class Robot:
     def attach(self, rows) -> None:
         """Uses this ring's rows."""
         self.rows = rows.view(np.recarray) if JIT_DISABLED else rows  # plain Python needs fields as attributes
-        self._memory = np.zeros(1, MEMORY)
-        addresses = (array.ctypes.data for array in (*self._arguments, self.rows))
-        self._memory[0] = (*addresses, len(self.estimator_states), len(rows))
-        self.step = partial(self._step_at, self._memory.ctypes.data)
+        self.step = partial(self._step, *(number for array in (*self._arguments, self.rows) for number in span(array)))
 
     def rehearse(self) -> None:
         """Runs the step once in each of its ways and forgets it: the first real tick then meets no cold page and no cold dispatcher."""
