@@ -66,9 +66,14 @@ class Entry(NamedTuple):
     reason: str
 
 
+def pairs(experiment) -> list:
+    """(paper, item) of everything that an experiment shows."""
+    return [*((experiment.paper, item) for item in experiment.shows), *experiment.also]
+
+
 def entries(experiments) -> list[Entry]:
     """Every numbered table and figure in the order of the papers; "not yet" where neither an experiment nor a reason exists."""
-    shown = {(e.paper, item): e.name for e in experiments.values() for item in e.shows}
+    shown = {pair: e.name for e in experiments.values() for pair in pairs(e)}
     found = []
     for paper, (tables, figures) in NUMBERED.items():
         for item in tables + [pattern.format(n) for pattern, first, last in figures for n in range(first, last + 1)]:
