@@ -122,7 +122,7 @@ def _section(name, experiment, found, command) -> str:
     settings = "".join(f"<tr><td>{escape(k)}</td><td>{escape(v)}</td></tr>" for k, v in found["settings"].items())
     tables = _grids([r for r in found["rows"] if r["cell"]]) + _lines([r for r in found["rows"] if not r["cell"]])
     return (
-        f'<h3 id="{name}">{escape(listed(experiment.shows))}: {escape(experiment.title)}</h3>'
+        f'<h3 id="{name}">{escape(": ".join(filter(None, (listed(experiment.shows), experiment.title))))}</h3>'
         f'<p>{_verdict(found["verdict"])} · <code>{escape(command)}</code> · {found.get("elapsed_s", 0.0):.0f} s</p>'
         f"<ul>{claims}</ul>{tables}{notes}{pictures}<details><summary>Settings</summary><table>{settings}</table></details>"
     )
