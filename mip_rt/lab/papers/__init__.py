@@ -9,6 +9,7 @@ MODULES = (
     "dissertation_bridge",
     "dissertation_friction",
     "dissertation_simulation",
+    "dissertation_compensation",
     "dissertation_table61",
     "dissertation_causes",
     "dissertation_spin",

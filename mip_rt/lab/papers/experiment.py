@@ -18,7 +18,7 @@ class Row:
         what: which quantity, with its unit.
         ours: what came out.
         published: the paper's number, or the (lowest, highest) where it prints a range; None where it prints none.
-        within: relative difference that still counts as the same; None for a number that is only shown.
+        within: relative difference that still counts as the same, also beyond a range; None for a number that is only shown.
         digits: significant digits to print.
         by: absolute difference that still counts as the same, for what has a scale of its own, such as a share of 1.
         cell: (table, line, column) where the report shows it in a table as the paper does; None for a line of its own.
@@ -36,7 +36,8 @@ class Row:
     def agrees(self) -> bool | None:
         """In the published range, or within the tolerance; None where nothing was to be compared."""
         if isinstance(self.published, tuple):
-            return bool(self.published[0] <= self.ours <= self.published[1])
+            low, high = self.published
+            return bool(low * (1.0 - (self.within or 0.0)) <= self.ours <= high * (1.0 + (self.within or 0.0)))
         if self.published is None or (self.within is None and self.by is None):
             return None
         tolerance = self.by if self.within is None else self.within * abs(self.published)
@@ -48,7 +49,8 @@ class Row:
         if self.agrees is None:
             return ""
         if isinstance(self.published, tuple):
-            return "in the range" if self.agrees else f"no: {self.ours / np.mean(self.published):.2f} times its middle"
+            inside = "in the range" if self.published[0] <= self.ours <= self.published[1] else f"within {100 * (self.within or 0.0):g} % of the range"
+            return inside if self.agrees else f"no: {self.ours / np.mean(self.published):.2f} times its middle"
         if self.within is None:
             return f"within {self.by:g}" if self.agrees else f"no: {self.ours - self.published:+.2g}"
         return f"within {100 * self.within:g} %" if self.agrees else f"no: {self.ours / self.published:.2f} times"
