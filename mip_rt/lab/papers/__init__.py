@@ -4,6 +4,7 @@ import importlib
 
 MODULES = (
     "acc2018",
+    "parameters",
     "dissertation_geometry",
     "dissertation_motor",
     "dissertation_bridge",

@@ -55,7 +55,10 @@ def listed(shows) -> str:
     for kind, chapter, first, last in runs:
         dot = f"{chapter}." if chapter else ""
         plural = kind.replace("Fig.", "Figs").replace("Table", "Tables")
-        told.append(f"{kind} {dot}{first}" if last < 0 or first == last else f"{plural} {dot}{first} to {dot}{last}")
+        if last < 0 or first == last:
+            told.append(f"{kind} {dot}{first}")
+        else:
+            told.append(f"{plural} {dot}{first} {'and' if last == first + 1 else 'to'} {dot}{last}")
     return ", ".join(told)
 
 
@@ -154,8 +157,8 @@ def page(experiments, results, seed: int, quick: bool, elapsed_s: float) -> str:
     verdicts = [results[name]["verdict"] for name in experiments if name in results]
     counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in CLASSES if kind in verdicts)
     body.append(
-        f"<p>{len(verdicts)} experiments: {counts}. They show {shown} of the {len(every)} numbered tables and figures; the other {len(every) - shown} "
-        "are no results that a model could produce, and the list at the head of each paper says what they are.</p>"
+        f"<p>{len(verdicts)} experiments: {counts}. They show {shown} of the {len(every)} numbered tables and figures; what the other "
+        f"{len(every) - shown} are, and why none of our models produces them, the list at the head of each paper says.</p>"
     )
     for paper, (title, _) in PAPERS.items():
         body.append(f"<h2>{escape(title)}</h2>")
