@@ -145,7 +145,7 @@ def _print_list(known, as_json: bool) -> None:
 def _print_result(name, experiment, found, brief: bool) -> None:
     from mip_rt.lab.papers.report import listed, number, published
 
-    print(f"{name}: {found['verdict']} ({listed(experiment.shows)}; {found['elapsed_s']:.0f} s)")
+    print(f"{name}: {found['verdict']} ({listed(experiment.shows) or experiment.title}; {found['elapsed_s']:.0f} s)")
     if brief:
         return
     width = max((len(row["what"]) for row in found["rows"]), default=0)

@@ -181,7 +181,7 @@ def run(seed: int, quick: bool, progress) -> Result:
         f"linear {np.mean([b[1] for _, b in ours.values()]):.1f} % (published 22.5).",
         f"Motor 2: with the printed {1e3 * PRINTED_MOTOR_2[1]:g} mH its current dies within every pulse up to 20 kHz, and the linear model's R² falls by "
         f"{printed_fall:.2f} between {first} and {last} Hz; published is {R2_LINEAR[2][0] - R2_LINEAR[2][-1]:.2f} over the whole range. With ten times as "
-        f"much it falls by {fall:.2f}: the table has lost a decimal.",
+        f"much it falls by {fall:.2f}: as if the table had lost a decimal place.",
         "The three drivers differ only in the published cells, which is why the drive/coast model's are ranges: rise times and dead times, which would tell "
         "them apart, are not in the paper.",
         "Where the linear model's RMSE agrees and its R² does not, the current differs: R² = 1 - (RMSE / spread)², and from "

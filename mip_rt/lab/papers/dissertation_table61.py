@@ -90,7 +90,7 @@ def table(seed: int, quick: bool, progress) -> Result:
         }
     )
     errors = {name: {condition: found.errors(name) for condition, found in seen.items()} for name in SHOWN}
-    for place, (title, unit) in enumerate((("RMSE θ (rad)", "rad"), ("RMSE φ̇ (cm/s)", "cm/s"))):
+    for place, (title, unit) in enumerate((("Table 6.1: RMSE θ (rad)", "rad"), ("Table 6.1: RMSE φ̇ (cm/s)", "cm/s"))):
         for name, label in SHOWN.items():
             for condition in conditions:
                 line = condition_name(*condition)
@@ -113,6 +113,8 @@ def table(seed: int, quick: bool, progress) -> Result:
         "speed, and a robot that stands still while it spins has none. The published row of 0.5 Hz is nearly that of 0.5 Hz while it drives at 10 cm/s: "
         f"the robot moved as much when it was to spin in its place. {100 * SWAY_M_S:g} cm/s give both rows of spinning in place; other explanations, and "
         "why they fail: dissertation-table-6.1-causes.",
+        f"Fig. 6.13: the published response at 17 to 22 rad/s is that of rollers, 4.4 passages a radian, under a ball that rolls at {100 * 17 / 4.4 * mbbr_runs.RADIUS_M:.0f} to "
+        f"{100 * 22 / 4.4 * mbbr_runs.RADIUS_M:.0f} cm/s; at 20 cm/s it lies higher (dissertation-fig-6.24).",
         f"With the rotation in its model (EKF, corrected) the error at 1 Hz is {errors['ekf'][0.0, 1.0][0]:.3f} rad, of which "
         f"{mbbr_runs.ALIGNMENT_RAD} are the cameras' alignment.",
     ]

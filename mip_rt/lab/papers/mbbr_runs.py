@@ -19,8 +19,8 @@ IMPERFECTIONS = {"dry_run.vibration_torque_n_m": 0.02}
 ALIGNMENT_RAD, POSITION_NOISE_M, CENTROID_M, CAMERA_HZ = 0.016, 0.97e-3, 0.037, 120.0
 EXPLAINED = {
     "roller vibration": "0.02 N m a wheel, 6.26 roller passages a radian of each wheel's share of the ball's turn (Fig. 6.24)",
-    "camera alignment": f"{ALIGNMENT_RAD} rad a tilt axis: calibrated so that the idle tilt error is the published 0.017 rad",
-    "camera noise": f"{1e3 * POSITION_NOISE_M} mm a sample at 120 Hz, differentiated by (6.25) with the missing 2: calibrated so "
+    "camera alignment": f"{ALIGNMENT_RAD} rad a tilt axis: calibrated so that the idle tilt error comes near the published 0.017 rad",
+    "camera noise": f"{1e3 * POSITION_NOISE_M:.3g} mm a sample at 120 Hz, differentiated by (6.25) with the missing 2: calibrated so "
     "that the idle speed error is the published 8.3 cm/s",
     "marker centroid": f"{100 * CENTROID_M:g} cm beside the ball's axis, which (6.24) takes for zero; its speed error grows with the "
     "yaw rate; calibrated so that the 1 Hz speed error comes near the published 19 cm/s",
