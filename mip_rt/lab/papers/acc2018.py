@@ -227,7 +227,15 @@ def run(seed: int, quick: bool, progress) -> Result:
     ]
     bias, clean = _without_bias(records[0][1], seed)
     cell = ("Table III: RMS error of θ (rad)", f"{LABELS['ekf_printed']}, gyro without its bias", "0 rad/s")
-    result.rows.append(Row(f"{LABELS['ekf_printed']} without the gyro's bias, 0 rad/s: RMS of θ (rad)", clean, PUBLISHED["ekf_printed"][0], WITHIN, cell=cell))
+    result.rows.append(
+        Row(
+            f"{LABELS['ekf_printed']} without the gyro's bias, 0 rad/s: RMS of θ (rad)",
+            clean,
+            PUBLISHED["ekf_printed"][0],
+            WITHIN,
+            cell=cell,
+        )
+    )
     result.notes = [
         "The paper's yaw EKF uses the printed digits. Their too strong θψ̇² terms hide the IMU's unmodelled place: with "
         "the corrected coefficients "

@@ -143,8 +143,12 @@ def run(seed: int, quick: bool, progress) -> Result:
         lag, offset = PUBLISHED[name, method]
         line = f"{name}, {method}"
         at_rest = float(np.degrees(np.mean(angle[rest] - actual[rest])))
-        result.rows.append(Row(f"{line}: lag at 2 Hz (s)", lags[name, method], lag, 0.1, cell=("Lag and offset", line, "lag at 2 Hz (s)")))
-        result.rows.append(Row(f"{line}: offset at rest (deg)", at_rest, offset, 0.1, cell=("Lag and offset", line, "offset at rest (deg)")))
+        result.rows.append(
+            Row(f"{line}: lag at 2 Hz (s)", lags[name, method], lag, 0.1, cell=("Lag and offset", line, "lag at 2 Hz (s)"))
+        )
+        result.rows.append(
+            Row(f"{line}: offset at rest (deg)", at_rest, offset, 0.1, cell=("Lag and offset", line, "offset at rest (deg)"))
+        )
         for phase, (begin, end) in PHASES.items():
             part = (t >= begin) & (t < end)
             cell = ("RMS error (deg)", line, phase)

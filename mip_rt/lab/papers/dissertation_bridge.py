@@ -122,7 +122,10 @@ def pulse(seed: int, quick: bool, progress) -> Result:
             "in the first case the current never dies, in the second it does before the period ends",
             bool(on.min() > 0.0 and dead[-1] == 0.0),
         ),
-        Claim("the closed form of the mean current agrees with the curve to 1e-3", all(abs(a / b - 1.0) < 1e-3 for a, b in closed.values())),
+        Claim(
+            "the closed form of the mean current agrees with the curve to 1e-3",
+            all(abs(a / b - 1.0) < 1e-3 for a, b in closed.values()),
+        ),
     ]
 
     def draw(figure):

@@ -57,8 +57,22 @@ def _bars(figure, chosen):
     axes.bar(places, [TABLE_6_1[c][0] for c in conditions], 0.9, color="0.88", label="published")
     for number, (name, (size, errors)) in enumerate(chosen.items()):
         shift = 0.8 * (number / (len(chosen) - 1) - 0.5)
-        axes.plot(places + shift, list(errors.values()), "osvD^PX*<>hpd"[number % 13], color=f"C{number % 10}", ms=6, mec="k", mew=0.4, label=name + size)
-    axes.set(xticks=places, xticklabels=[condition_name(*c).replace(" & ", "\n& ") for c in conditions], ylabel="RMSE of θ (rad)", ylim=(0, 0.1))
+        axes.plot(
+            places + shift,
+            list(errors.values()),
+            "osvD^PX*<>hpd"[number % 13],
+            color=f"C{number % 10}",
+            ms=6,
+            mec="k",
+            mew=0.4,
+            label=name + size,
+        )
+    axes.set(
+        xticks=places,
+        xticklabels=[condition_name(*c).replace(" & ", "\n& ") for c in conditions],
+        ylabel="RMSE of θ (rad)",
+        ylim=(0, 0.1),
+    )
     axes.tick_params(axis="x", labelsize=8)
     axes.grid(alpha=0.3, axis="y")
     axes.legend(fontsize=8, loc="upper left", bbox_to_anchor=(1.01, 1.0))
@@ -107,7 +121,9 @@ def run(seed: int, quick: bool, progress) -> Result:
             **OVERRIDES,
             **mbbr_runs.EXPLAINED,
             "Q": "(6.28)",
-            "sizes": "; ".join(f"{n}: {', '.join(map(str, s[1]))} {s[0]}" for n, s in {**FLOWN, **SEEN, name: (unit, sizes)}.items()),
+            "sizes": "; ".join(
+                f"{n}: {', '.join(map(str, s[1]))} {s[0]}" for n, s in {**FLOWN, **SEEN, name: (unit, sizes)}.items()
+            ),
             "chosen size": "that whose errors come nearest to the whole column (least mean square of the logarithms)",
         }
     )
@@ -116,8 +132,16 @@ def run(seed: int, quick: bool, progress) -> Result:
         for condition, value in errors.items():
             column = condition_name(*condition)
             what = f"{line}: RMSE of θ, {column} (rad)"
-            result.rows.append(Row(what, value, TABLE_6_1[condition][0], cell=("RMSE of θ of the EKF as flown (rad)", line, column)))
-        result.rows.append(Row(f"{line}: factor off, mean", float(np.exp(distance(errors))), cell=("RMSE of θ of the EKF as flown (rad)", line, "factor off, mean")))
+            result.rows.append(
+                Row(what, value, TABLE_6_1[condition][0], cell=("RMSE of θ of the EKF as flown (rad)", line, column))
+            )
+        result.rows.append(
+            Row(
+                f"{line}: factor off, mean",
+                float(np.exp(distance(errors))),
+                cell=("RMSE of θ of the EKF as flown (rad)", line, "factor off, mean"),
+            )
+        )
     right = {c: all(abs(v / TABLE_6_1[k][0] - 1.0) <= WITHIN for k, v in errors.items()) for c, (_, errors) in chosen.items()}
     others = {c: found for c, found in best.items() if c != MOTION[0]}
     rival = min(others, key=lambda c: distance(others[c][1]))
@@ -133,7 +157,11 @@ def run(seed: int, quick: bool, progress) -> Result:
         "(section 6.4.3). Its row at 0.5 Hz wants more motion than its row at 1 Hz; one value for both is a compromise.",
         f"The nearest of the others: {rival}{others[rival][0]}: {rows}. A mixture of it and of motion is possible, too; the paper's data would tell.",
     ]
-    result.figures = [Figure("dissertation-table-6.1-causes", "Table 6.1 by candidate, each at its best size", lambda f: _bars(f, chosen), (13, 6))]
+    result.figures = [
+        Figure(
+            "dissertation-table-6.1-causes", "Table 6.1 by candidate, each at its best size", lambda f: _bars(f, chosen), (13, 6)
+        )
+    ]
     return result
 
 

@@ -48,7 +48,10 @@ def predicted_force(rows, noise_set: str, modelled: bool) -> np.ndarray:
         modelled: the prediction gets the command after compensation, less Coulomb's friction at the estimated encoder rates: the other of the
             two ways that section 6.3.1 names.
     """
-    config = configuration.load(configuration.default_path("mbbr"), {"estimator.control": "ekf", "estimator.noise_set": noise_set, "estimator.shadows": "[]"})
+    config = configuration.load(
+        configuration.default_path("mbbr"),
+        {"estimator.control": "ekf", "estimator.noise_set": noise_set, "estimator.shadows": "[]"},
+    )
     p = mbbr_setup.build(config)._arguments[2].view(np.recarray)[0].ekf
     coulomb = config.friction.coulomb_n_m / config.model.torque_per_command_n_m
     state = mbbr_ekf.init(p, np.zeros(13), np.asarray(p.noise.P0[:13]))
@@ -143,7 +146,9 @@ def friction(seed: int, quick: bool, progress) -> Result:
         name = f"Fig. {figure}, {'with' if compensated else 'without'} compensation"
         ratio, error[figure, compensated] = rms(estimate) / rms(true), rms(estimate - true)
         estimates[figure, compensated] = ratio
-        result.rows.append(Row(f"{name}: estimated over actual ball speed (RMS)", ratio, None if compensated else PUBLISHED_RATIO, 0.1))
+        result.rows.append(
+            Row(f"{name}: estimated over actual ball speed (RMS)", ratio, None if compensated else PUBLISHED_RATIO, 0.1)
+        )
         result.rows.append(Row(f"{name}: error of the ball speed (rad/s)", error[figure, compensated]))
     forces, spikes = {}, {}
     for title, compensated, modelled in (
@@ -155,21 +160,44 @@ def friction(seed: int, quick: bool, progress) -> Result:
         predicted = predicted_force(rows, RUNS["6.5"][1], modelled)
         forces[title] = time_s[1:], rows["acceleration_m_s2"][1:, 0], predicted[1:]
         spikes[compensated, modelled] = float(np.abs(np.diff(predicted[100:])).max())
-    result.rows.append(Row("Fig. 6.8: largest jump of the predicted acceleration in a tick, friction not modelled (m/s²)", spikes[True, False]))
+    result.rows.append(
+        Row("Fig. 6.8: largest jump of the predicted acceleration in a tick, friction not modelled (m/s²)", spikes[True, False])
+    )
     result.rows.append(Row("Fig. 6.8: the same, friction modelled (m/s²)", spikes[True, True]))
     result.claims = [
-        Claim("without compensation the estimated ball speed is too large, in simulation and in the experiment", min(estimates["6.4", False], estimates["6.5", False]) > 1.2),
-        Claim("compensation makes the ball speed's error at least three times smaller in both", all(error[f, False] > 3.0 * error[f, True] for f in RUNS)),
-        Claim("Fig. 6.8: with Coulomb's friction modelled in the EKF the predicted acceleration has spikes", spikes[True, True] > 3.0 * spikes[True, False]),
+        Claim(
+            "without compensation the estimated ball speed is too large, in simulation and in the experiment",
+            min(estimates["6.4", False], estimates["6.5", False]) > 1.2,
+        ),
+        Claim(
+            "compensation makes the ball speed's error at least three times smaller in both",
+            all(error[f, False] > 3.0 * error[f, True] for f in RUNS),
+        ),
+        Claim(
+            "Fig. 6.8: with Coulomb's friction modelled in the EKF the predicted acceleration has spikes",
+            spikes[True, True] > 3.0 * spikes[True, False],
+        ),
     ]
     result.notes = [
         "Friction has one size, so what it adds to the estimate has one, too: the ratio is large where the ball swings little. With the gains of Figs 6.4 and "
         "6.5 it is the published one; compensated, the ball hardly moves, and the ratio says little.",
     ]
     result.figures = [
-        Figure("dissertation-fig-6.4", "Fig. 6.4: ball speed without friction compensation, simulated", lambda f: _draw_speeds(f, records), (9, 5.5)),
-        Figure("dissertation-fig-6.5", "Fig. 6.5: EKF against (simulated) motion capture without and with compensation", lambda f: _draw_mocap(f, records, seed), (10, 9)),
-        Figure("dissertation-fig-6.8", "Fig. 6.8: accelerometer, measured and predicted", lambda f: _draw_force(f, forces), (9, 8)),
+        Figure(
+            "dissertation-fig-6.4",
+            "Fig. 6.4: ball speed without friction compensation, simulated",
+            lambda f: _draw_speeds(f, records),
+            (9, 5.5),
+        ),
+        Figure(
+            "dissertation-fig-6.5",
+            "Fig. 6.5: EKF against (simulated) motion capture without and with compensation",
+            lambda f: _draw_mocap(f, records, seed),
+            (10, 9),
+        ),
+        Figure(
+            "dissertation-fig-6.8", "Fig. 6.8: accelerometer, measured and predicted", lambda f: _draw_force(f, forces), (9, 8)
+        ),
     ]
     return result
 

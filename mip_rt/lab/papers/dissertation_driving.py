@@ -4,8 +4,8 @@ import numpy as np
 
 from mip_rt.config.scenario import Event
 from mip_rt.lab.papers import mbbr_runs
-from mip_rt.lab.papers.experiment import Claim, Experiment, Figure, Result, Row
 from mip_rt.lab.papers.drive_plot import draw_drive
+from mip_rt.lab.papers.experiment import Claim, Experiment, Figure, Result, Row
 from mip_rt.lab.papers.mbbr_runs import FLOOR, IMPERFECTIONS, TABLE_6_3, fly, held_s, see, spectrum
 from mip_rt.lab.papers.runs import drive, rms
 
@@ -160,26 +160,43 @@ def control(seed: int, quick: bool, progress) -> Result:
             held[name, rate] = seconds > duration_s - 3.0
             column, paper = f"{rate:g} Hz and {100 * speed:g} cm/s", LOST_AFTER_S if name == "EKF" and rate == 1.5 else None
             title = f"Drives and spins for (s of {duration_s - 2.5:.0f})"
-            result.rows.append(Row(f"{name}, {column}: drives and spins for (s)", seconds, paper, 0.5, cell=(title, name, column)))
+            result.rows.append(
+                Row(f"{name}, {column}: drives and spins for (s)", seconds, paper, 0.5, cell=(title, name, column))
+            )
     for name in kinds:
         for rate, speed in conditions:
             if held[name, rate]:
                 column = f"{rate:g} Hz and {100 * speed:g} cm/s"
                 place = _tracking_m(records[name, rate])
-                result.rows.append(Row(f"{name}, {column}: RMS distance from the reference (m)", place, cell=("RMS distance from the reference (m)", name, column)))
+                result.rows.append(
+                    Row(
+                        f"{name}, {column}: RMS distance from the reference (m)",
+                        place,
+                        cell=("RMS distance from the reference (m)", name, column),
+                    )
+                )
     every = [rate for rate, _ in conditions]
     ours = "EKF corrected, shipped gains"
     result.claims = [
-        Claim("on DMP+KF the robot drives and spins stably at every rate up to 1.5 Hz", all(held["DMP+KF", rate] for rate in every)),
+        Claim(
+            "on DMP+KF the robot drives and spins stably at every rate up to 1.5 Hz", all(held["DMP+KF", rate] for rate in every)
+        ),
         Claim("on the EKF it does at every rate below 1.5 Hz", all(held["EKF", rate] for rate in every if rate < 1.5)),
         Claim("at 1.5 Hz the EKF loses it", not held["EKF", 1.5]),
-        Claim("DMP+KF is the stabler: it keeps every rate at least as long as the EKF", all(kept["DMP+KF", r] >= kept["EKF", r] for r in every)),
-        Claim("ours: with its model corrected and the shipped gains the EKF keeps every rate", all(held[ours, rate] for rate in every)),
+        Claim(
+            "DMP+KF is the stabler: it keeps every rate at least as long as the EKF",
+            all(kept["DMP+KF", r] >= kept["EKF", r] for r in every),
+        ),
+        Claim(
+            "ours: with its model corrected and the shipped gains the EKF keeps every rate",
+            all(held[ours, rate] for rate in every),
+        ),
     ]
     lost = {name: [f"{rate:g} Hz" for rate in every if not held[name, rate]] for name in kinds}
     result.notes = [
-        "A robot that falls, or gives up its spin to save its balance (as the robot author's program did), has lost it: " 
-        + "; ".join(f"{name}: {', '.join(rates)}" for name, rates in lost.items() if rates) + ".",
+        "A robot that falls, or gives up its spin to save its balance (as the robot author's program did), has lost it: "
+        + "; ".join(f"{name}: {', '.join(rates)}" for name, rates in lost.items() if rates)
+        + ".",
         "The gains of Table 6.3 are marginal: a floor that takes a few mN m makes the difference between losing and keeping a rate, and in axes that turn with the robot their low-pass and outer loop "
         "add the yaw rate's phase.",
     ]

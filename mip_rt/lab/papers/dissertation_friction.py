@@ -124,7 +124,10 @@ def run(seed: int, quick: bool, progress) -> Result:
             "roller torque": f"{RIPPLE_N_M} N m, {PASSAGES} passages a radian of the ball: calibrated so that R² is the published one",
             "encoder": f"{COUNTS:.0f} counts a turn of the ball; rate and acceleration by parabolas over 45 ms",
         },
-        notes=["The fit's rest here is what the model has no term for: static friction, which the paper suspects, and the rollers, which show where the ball turns slowly: at the beginning and the end.", "μv is a tenth of the back EMF's K2 and a small remainder of the fit: its relative error is large."],
+        notes=[
+            "The fit's rest here is what the model has no term for: static friction, which the paper suspects, and the rollers, which show where the ball turns slowly: at the beginning and the end.",
+            "μv is a tenth of the back EMF's K2 and a small remainder of the fit: its relative error is large.",
+        ],
     )
 
 

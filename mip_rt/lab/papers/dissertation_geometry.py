@@ -33,7 +33,12 @@ def table(seed: int, quick: bool, progress) -> Result:
             )
         )
     result.figures = [
-        Figure("dissertation-fig-2.9", "Fig. 2.9: placement of the wheels at α = 60°, β = 48.19°, to scale", lambda f: _draw_wheels(f, math.radians(60.0)), (10, 5))
+        Figure(
+            "dissertation-fig-2.9",
+            "Fig. 2.9: placement of the wheels at α = 60°, β = 48.19°, to scale",
+            lambda f: _draw_wheels(f, math.radians(60.0)),
+            (10, 5),
+        )
     ]
     result.claims = [Claim(f"the axes are orthogonal (largest cosine {worst:.1e})", worst < 1e-12)]
     result.notes = ["The printed angles, found by iteration, are off by up to 0.04 degrees from the closed form."]
@@ -83,7 +88,9 @@ def _draw_wheels(figure, alpha_rad):
     beta = omniwheels.orthogonal_tilt(alpha_rad)
     axes_of = omniwheels.wheel_axes(alpha_rad, beta).T
     turns = 2.0 * np.pi / 3.0 * np.arange(3)
-    normals = np.stack([np.sin(alpha_rad) * np.cos(turns), np.sin(alpha_rad) * np.sin(turns), np.full(3, np.cos(alpha_rad))], axis=1)
+    normals = np.stack(
+        [np.sin(alpha_rad) * np.cos(turns), np.sin(alpha_rad) * np.sin(turns), np.full(3, np.cos(alpha_rad))], axis=1
+    )
     around = np.linspace(0.0, 2.0 * np.pi, 80)
     for place, (first, second, title) in enumerate(((0, 2, "from the side"), (0, 1, "from above"))):
         panel = figure.add_subplot(1, 2, place + 1)
@@ -93,9 +100,16 @@ def _draw_wheels(figure, alpha_rad):
             rim = centre + WHEEL_MM * (np.cos(around)[:, None] * normal + np.sin(around)[:, None] * np.cross(axis, normal))
             panel.plot(rim[:, first], rim[:, second], f"C{number}", lw=2, label=f"wheel {number + 1}")
             tip = centre + 20.0 * axis
-            panel.annotate("", (tip[first], tip[second]), (centre[first], centre[second]), arrowprops={"arrowstyle": "->", "color": f"C{number}"})
+            panel.annotate(
+                "",
+                (tip[first], tip[second]),
+                (centre[first], centre[second]),
+                arrowprops={"arrowstyle": "->", "color": f"C{number}"},
+            )
             panel.text(tip[first], tip[second], f"ŵ{number + 1}", color=f"C{number}")
-        panel.set(aspect="equal", xlim=(-70, 70), ylim=(-70, 70), title=title, xlabel="x (mm)", ylabel=("z (mm)", "y (mm)")[place])
+        panel.set(
+            aspect="equal", xlim=(-70, 70), ylim=(-70, 70), title=title, xlabel="x (mm)", ylabel=("z (mm)", "y (mm)")[place]
+        )
         panel.grid(alpha=0.3)
     figure.axes[0].legend(fontsize=8, loc="lower left")
     figure.tight_layout()

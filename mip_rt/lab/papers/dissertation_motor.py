@@ -35,7 +35,9 @@ RMSE_LINEAR = {1: (20.3, 20.1, 21.9, 23.9, 25.6), 2: (18.5, 17.9, 20.6, 22.9, 25
 SAMPLE_S = 0.01
 VOLTS = 8.0
 DIODE_V = 0.4  # a Schottky or body diode at these currents
-SENSOR_SHARE = 0.062  # ripple, commutation and sensor noise, of the stall current; calibrated so that the mean RMSE is the published 6.5 %
+SENSOR_SHARE = (
+    0.062  # ripple, commutation and sensor noise, of the stall current; calibrated so that the mean RMSE is the published 6.5 %
+)
 ENCODER_COUNTS = 1000  # E6-2500-250: 250 lines
 IDENTIFIED = 1.03  # resistance as the identification finds it: 3 % high
 INERTIA_S = 1.0  # mechanical time constant J R / k^2; calibrated to the linear model's R^2 and RMSE
@@ -149,11 +151,15 @@ def run(seed: int, quick: bool, progress) -> Result:
     for number, constants in motors.items():
         for frequency in frequencies:
             progress(len(table), len(motors) * len(frequencies))
-            t, u, measured, coast, linear, stall = trial(constants, (2 if number == PRINTED else number), frequency, seed, duration_s)
+            t, u, measured, coast, linear, stall = trial(
+                constants, (2 if number == PRINTED else number), frequency, seed, duration_s
+            )
             table[number, frequency] = quality(measured, coast, stall), quality(measured, linear, stall)
             if (number, frequency) == (1, 20000):
                 figures = [
-                    Figure("dissertation-fig-4.4", "Fig. 4.4: the motor command", lambda f, a=(t, u): _draw_command(f, *a), (9, 3.5)),
+                    Figure(
+                        "dissertation-fig-4.4", "Fig. 4.4: the motor command", lambda f, a=(t, u): _draw_command(f, *a), (9, 3.5)
+                    ),
                     Figure(
                         "dissertation-fig-4.5",
                         "Fig. 4.5: measured current against both models, motor 1, 20 kHz",
@@ -164,7 +170,10 @@ def run(seed: int, quick: bool, progress) -> Result:
     ours = {key: value for key, value in table.items() if key[0] != PRINTED}
     first, last = frequencies[0], frequencies[-1]
     result.claims = [
-        Claim("the drive/coast model explains more than 86 % of the variance everywhere (published: all but one cell)", all(c[0] > 0.86 for c, _ in ours.values())),
+        Claim(
+            "the drive/coast model explains more than 86 % of the variance everywhere (published: all but one cell)",
+            all(c[0] > 0.86 for c, _ in ours.values()),
+        ),
         *(
             Claim(
                 f"motor {n}: the linear model's R² falls by more than 0.1 between {first} and {last} Hz",
@@ -172,7 +181,10 @@ def run(seed: int, quick: bool, progress) -> Result:
             )
             for n in MOTORS
         ),
-        Claim("the linear model's RMSE is at least twice the drive/coast model's everywhere", all(b[1] > 2.0 * a[1] for a, b in ours.values())),
+        Claim(
+            "the linear model's RMSE is at least twice the drive/coast model's everywhere",
+            all(b[1] > 2.0 * a[1] for a, b in ours.values()),
+        ),
     ]
     fall, printed_fall = (table[n, first][1][0] - table[n, last][1][0] for n in (2, PRINTED))
     fast = [frequency for frequency in frequencies if frequency >= 5000]
@@ -200,11 +212,15 @@ def _rows(table, frequencies) -> list:
     ):
         for model in ("coast", "linear"):
             for number in (*MOTORS, PRINTED):
-                line = f"motor {number}, {model} model" + (" (published: lowest to highest of 3 drivers)" if model == "coast" and number != PRINTED else "")
+                line = f"motor {number}, {model} model" + (
+                    " (published: lowest to highest of 3 drivers)" if model == "coast" and number != PRINTED else ""
+                )
                 for frequency in frequencies:
                     column = FREQUENCIES_HZ.index(frequency)
                     ours = table[number, frequency][model == "linear"][index]
-                    tolerance = {"within": (0.02, 0.1)[index]} if model == "coast" else {"by": 0.1} if index == 0 else {"within": 0.2}
+                    tolerance = (
+                        {"within": (0.02, 0.1)[index]} if model == "coast" else {"by": 0.1} if index == 0 else {"within": 0.2}
+                    )
                     value = None
                     if number != PRINTED:
                         cells = [driver[column] for driver in published[number]]

@@ -5,8 +5,8 @@ import numpy as np
 from mip_rt.config import published
 from mip_rt.config.scenario import Event
 from mip_rt.lab.papers import mbbr_runs
-from mip_rt.lab.papers.experiment import Claim, Experiment, Figure, Result, Row
 from mip_rt.lab.papers.drive_plot import draw_drive
+from mip_rt.lab.papers.experiment import Claim, Experiment, Figure, Result, Row
 from mip_rt.lab.papers.runs import drive
 from mip_rt.models import mbbr, mbbr_linear
 

@@ -25,7 +25,12 @@ ALONE = {"estimator.shadows": "[]"}
 # The paper's robot, on whose samples all estimators are compared; and what else holds its place, or does not.
 PAPER = "EKF as flown, Table 6.2"
 FLIGHTS = {
-    PAPER: {"estimator.control": "ekf_flown", "estimator.shadows": "[dmp_kf, ekf_printed, ekf, kf_printed, kf, momentum]", **FLOOR, **TABLE},
+    PAPER: {
+        "estimator.control": "ekf_flown",
+        "estimator.shadows": "[dmp_kf, ekf_printed, ekf, kf_printed, kf, momentum]",
+        **FLOOR,
+        **TABLE,
+    },
     "the same in yaw axes as printed": {"estimator.control": "ekf_flown", **ALONE, **FLOOR, **mbbr_runs.gains(TABLE_6_2, "yaw")},
     "the same on a floor without rolling resistance": {"estimator.control": "ekf_flown", **ALONE, **TABLE},
     "DMP+KF, Table 6.2": {"estimator.control": "dmp_kf", **ALONE, **FLOOR, **TABLE},
@@ -37,7 +42,9 @@ FLIGHTS = {
 def axis_errors(seen, name) -> tuple:
     """RMS errors of theta_x, theta_y (rad), phi'_x, phi'_y (rad/s)."""
     tilt, rate = seen.estimates[name]
-    return tuple(rms((tilt - seen.tilt_rad)[:, axis]) for axis in (0, 1)) + tuple(rms((rate - seen.rate_rad_s)[:, axis]) for axis in (0, 1))
+    return tuple(rms((tilt - seen.tilt_rad)[:, axis]) for axis in (0, 1)) + tuple(
+        rms((rate - seen.rate_rad_s)[:, axis]) for axis in (0, 1)
+    )
 
 
 def _draw_rms(figure, seen):
@@ -49,7 +56,15 @@ def _draw_rms(figure, seen):
             if name == "ekf_printed" or (place > 1 and name == "dmp_kf"):
                 continue
             style = "o-" if name in PAPERS else "o--"
-            axes.plot(rates, [axis_errors(seen[rate], name)[place] for rate in rates], style, color=COLORS[name], ms=4, lw=1.3, label=label)
+            axes.plot(
+                rates,
+                [axis_errors(seen[rate], name)[place] for rate in rates],
+                style,
+                color=COLORS[name],
+                ms=4,
+                lw=1.3,
+                label=label,
+            )
         axes.set(ylabel=title, ylim=(0, None))
         axes.grid(alpha=0.3)
     for axes in panels[1]:
@@ -122,11 +137,16 @@ def spin(seed: int, quick: bool, progress) -> Result:
     for (kind, rate), (seconds, _) in kept.items():
         line = f"{kind} (s of {duration_s - 2.5:.0f})"
         what = f"{kind}, {rate:g} Hz: spun in its place for (s)"
-        result.rows.append(Row(what, seconds, cell=("Table 6.2 flown: how long the robot spins in its place", line, f"{rate:g} Hz")))
+        result.rows.append(
+            Row(what, seconds, cell=("Table 6.2 flown: how long the robot spins in its place", line, f"{rate:g} Hz"))
+        )
     fast = [rate for rate in errors if abs(rate) >= 1.0]
     share = [errors[rate]["ekf_flown"][0] / errors[rate]["kf_printed"][0] for rate in fast]
     result.claims = [
-        Claim("on the EKF as flown, with the gains of Table 6.2, the robot spins in its place at every rate", all(kept[PAPER, rate][1] for rate in rates)),
+        Claim(
+            "on the EKF as flown, with the gains of Table 6.2, the robot spins in its place at every rate",
+            all(kept[PAPER, rate][1] for rate in rates),
+        ),
         Claim(
             "at 1 Hz and more the DMP is more accurate in θ than EKF and KF",
             all(errors[r]["dmp_kf"][0] < min(errors[r]["ekf_flown"][0], errors[r]["kf_printed"][0]) for r in fast),
@@ -151,7 +171,12 @@ def spin(seed: int, quick: bool, progress) -> Result:
         f"{100 * excess:.1f} % above the best. What is left of both errors is the cameras'; against the truth see mip-rt bench beyond.",
     ]
     result.figures = [
-        Figure("dissertation-fig-6.14", "Fig. 6.14: RMS estimation errors by yaw rate (dashed: not in the paper)", lambda f: _draw_rms(f, seen), (11, 7))
+        Figure(
+            "dissertation-fig-6.14",
+            "Fig. 6.14: RMS estimation errors by yaw rate (dashed: not in the paper)",
+            lambda f: _draw_rms(f, seen),
+            (11, 7),
+        )
     ] + [
         Figure(
             f"dissertation-fig-{SPINS[rate]}",

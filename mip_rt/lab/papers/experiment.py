@@ -49,7 +49,11 @@ class Row:
         if self.agrees is None:
             return ""
         if isinstance(self.published, tuple):
-            inside = "in the range" if self.published[0] <= self.ours <= self.published[1] else f"within {100 * (self.within or 0.0):g} % of the range"
+            inside = (
+                "in the range"
+                if self.published[0] <= self.ours <= self.published[1]
+                else f"within {100 * (self.within or 0.0):g} % of the range"
+            )
             return inside if self.agrees else f"no: {self.ours / np.mean(self.published):.2f} times its middle"
         if self.within is None:
             return f"within {self.by:g}" if self.agrees else f"no: {self.ours - self.published:+.2g}"
@@ -113,7 +117,14 @@ class Result:
         return {
             "verdict": self.verdict,
             "rows": [
-                {"what": r.what, "ours": float(r.ours), "published": r.published, "digits": r.digits, "verdict": r.verdict, "cell": r.cell}
+                {
+                    "what": r.what,
+                    "ours": float(r.ours),
+                    "published": r.published,
+                    "digits": r.digits,
+                    "verdict": r.verdict,
+                    "cell": r.cell,
+                }
                 for r in self.rows
             ],
             "claims": [{"text": c.text, "holds": bool(c.holds)} for c in self.claims],

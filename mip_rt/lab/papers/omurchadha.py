@@ -138,7 +138,9 @@ def stabilise(seed: int, quick: bool, progress) -> Result:
         claims=[
             Claim("Fig. 3: LQR brings lean and wheel angle to zero", np.abs(by_lqr[-1]).max() < 0.1),
             Claim("Fig. 4: PID brings the lean to zero", abs(by_pid[-1, 1]) < 5e-3),
-            Claim("Fig. 4: θ is not controlled by the PID: it ends more than a radian from where it began", abs(by_pid[-1, 0]) > 1.0),
+            Claim(
+                "Fig. 4: θ is not controlled by the PID: it ends more than a radian from where it began", abs(by_pid[-1, 0]) > 1.0
+            ),
             *(
                 Claim(f"{name} does not stabilise the corrected robot", not np.abs(path[-1, 1]) < 0.5)
                 for name, path in fell.items()

@@ -55,10 +55,22 @@ def _coefficients() -> list:
     exact, printed = (mip_yaw.coefficients(mip.parameters()[0], variant, lever_arm=False)[0] for variant in ("exact", "printed"))
     rows = []
     terms = ("θ", "φ̇", "θψ̇²", "u_x")
-    for equation, field, scale in (("ACC (46), a step", "tilt", dt), ("ACC (47), a step", "wheel", dt), ("ACC (52)", "accel", 1.0)):
+    for equation, field, scale in (
+        ("ACC (46), a step", "tilt", dt),
+        ("ACC (47), a step", "wheel", dt),
+        ("ACC (52)", "accel", 1.0),
+    ):
         for k, term in enumerate(terms):
             cell = ("Printed coefficients of the eduMIP's model", equation, term)
-            rows.append(Row(f"{equation}, {term}", float(getattr(exact, field)[k]) * scale, float(f"{getattr(printed, field)[k] * scale:.3g}"), DIGITS, cell=cell))
+            rows.append(
+                Row(
+                    f"{equation}, {term}",
+                    float(getattr(exact, field)[k]) * scale,
+                    float(f"{getattr(printed, field)[k] * scale:.3g}"),
+                    DIGITS,
+                    cell=cell,
+                )
+            )
     exact, printed = (mbbr_yaw.coefficients(mbbr.parameters()[0], variant)[0] for variant in ("exact", "printed"))
     other = mbbr_yaw.coefficients(mbbr.printed_parameters()[0], "inertial-lagrange")[0]
     names = ("θ", "θ̇ − φ̇*", "u", "θ_other ż", "θ_other u_z", "θ̇_other ż", "φ̇*_other ż", "θ ż²")
@@ -77,15 +89,25 @@ def run(seed: int, quick: bool, progress) -> Result:
     shipped = _shipped("edumip", EDUMIP, "Table II, 3.2") + _shipped("mbbr", MBBR, "Table 5.2")
     for number, (resistance, inductance, k) in MOTOR_TABLE.items():
         ours = MOTORS[number]
-        for name, value, paper in (("R (Ω)", ours[0], resistance), ("L (mH)", 1e3 * ours[1], inductance), ("k (N m/A)", ours[2], k)):
+        for name, value, paper in (
+            ("R (Ω)", ours[0], resistance),
+            ("L (mH)", 1e3 * ours[1], inductance),
+            ("k (N m/A)", ours[2], k),
+        ):
             shipped.append(Row(f"Table 4.3: motor {number}, {name}", value, paper, EXACT, 4))
     coefficients = _coefficients()
     wrong = [row.what for row in shipped if not row.agrees]
     return Result(
         rows=shipped + coefficients,
         claims=[
-            Claim("every shipped parameter of the robots is the published one", not any(not w.startswith("Table 4.3") for w in wrong)),
-            Claim("the printed coefficients are those of the printed parameters (within 3 %)", all(row.agrees for row in coefficients if row.agrees is not None)),
+            Claim(
+                "every shipped parameter of the robots is the published one",
+                not any(not w.startswith("Table 4.3") for w in wrong),
+            ),
+            Claim(
+                "the printed coefficients are those of the printed parameters (within 3 %)",
+                all(row.agrees for row in coefficients if row.agrees is not None),
+            ),
         ],
         notes=[
             "Motor 2's inductance is ten times the printed one: see dissertation-tables-4.4-4.5.",
