@@ -2,6 +2,7 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -75,6 +76,13 @@ def test_nothing_is_left_out_silently():
         assert {(paper, item) for item in left_out} <= items - set(shown)
     assert [entry for entry in listed if not entry.experiment and entry.reason == "not yet"] == []
     assert set(CENTRAL) == set(KNOWN)
+
+
+def test_readme_counts_are_the_catalogues():
+    listed = catalogue.entries(KNOWN)
+    shown = sum(1 for entry in listed if entry.experiment)
+    text = (Path(__file__).parents[2] / "README.md").read_text()
+    assert f"{len(KNOWN)} experiments show {shown} of the {len(listed)} numbered tables and figures" in text
 
 
 def test_verdicts_are_derived():

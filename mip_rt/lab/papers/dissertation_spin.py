@@ -1,5 +1,7 @@
 """Dissertation 6.4.4: EKF, KF and DMP against motion capture while the robot spins in its place (Table 6.2, Figs 6.14 to 6.23)."""
 
+import numpy as np
+
 from mip_rt.lab.papers import mbbr_runs
 from mip_rt.lab.papers.experiment import Claim, Experiment, Figure, Result, Row
 from mip_rt.lab.papers.mbbr_runs import ESTIMATORS, FLOOR, TABLE_6_2, fly, held_s, see
@@ -96,7 +98,7 @@ def _draw_spin(figure, seen):
             low, high = axes.get_ylim()
             axes.set_ylim(min(limits[0], low), max(limits[1], high))
             axes.grid(alpha=0.3)
-        rate_error.set_xlabel("Time (s)")
+        rate_error.set(xlabel="Time (s)", xticks=np.arange(np.ceil(2 * t[0]) / 2, t[-1] + 0.01, 0.5))
     figure.tight_layout(rect=(0, 0.04, 1, 1))
     figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="lower center", ncol=5, fontsize=8, frameon=False)
 

@@ -84,7 +84,7 @@ def run(seed: int, quick: bool, progress) -> Result:
             error[moving, name] = rms(difference), float(np.std(difference))
             where = "in motion" if moving else "at rest"
             for place, kind in enumerate(("RMS error", "shakiness, standard deviation of the error")):
-                cell = (f"{kind.capitalize()} (deg)", name, where)
+                cell = (f"{kind[0].upper()}{kind[1:]} (deg)", name, where)
                 result.rows.append(Row(f"{where}, {name}: {kind} (deg)", error[moving, name][place], digits=3, cell=cell))
     kalman, plain = "Kalman, angle and bias", [f"complementary, α = {a:g}" for a in ALPHAS]
     result.claims = [
