@@ -4,7 +4,7 @@ Gain sets ending in `_printed` are the digits of the dissertation although they 
 the hard bound of the corrected equations, section E); the set without the ending is the corrected one.
 """
 
-ESTIMATORS = ("ekf", "ekf_printed", "kf", "kf_printed", "dmp_kf", "dmp_ekf", "momentum")
+ESTIMATORS = ("ekf", "ekf_printed", "ekf_flown", "kf", "kf_printed", "dmp_kf", "dmp_ekf", "momentum")
 
 # Dissertation (6.5) with 0.5744 corrected to 1/sqrt(3); made orthonormal when used.
 BODY_FROM_WHEEL = (

@@ -23,8 +23,8 @@ MODEL = {
     "torque_per_command_n_m": N(0.176, "Torque of a body command of 1, k1.", low=1e-4, high=100),
     "damping_n_m_s_rad": N(0.011, "Back-EMF damping as seen by the ball, K2 = k2 (r/r_w)^2.", low=0, high=10),
     "gravity_m_s2": N(9.8, "Gravity.", low=1, high=20),
-    "variant": Choice("exact", "Model of the estimators: exact, the paper's derivation, or its printed digits.",
-                      choices=("exact", "inertial-lagrange", "printed")),
+    "variant": Choice("exact", "Model of the estimators: exact, the paper's derivation, its printed digits, or those that its robot flew.",
+                      choices=("exact", "inertial-lagrange", "printed", "flown")),
 }  # fmt: skip
 
 # What `mip-rt calibrate` finds of one unit's IMU; its file takes the place of these values.

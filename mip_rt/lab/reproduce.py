@@ -57,6 +57,7 @@ def run(arguments) -> int:
     Raises:
         ConfigError: there is no such experiment, or the folder cannot be written.
     """
+    begin = time.monotonic()  # what the equations' compilation takes, the first time, counts
     from mip_rt.config.suggestion import nearest
     from mip_rt.lab.papers import experiments
 
@@ -80,7 +81,6 @@ def run(arguments) -> int:
         raise ConfigError(
             f"{arguments.out} cannot be made: {error.strerror}.", "Name another folder: --out FOLDER.", "arguments"
         ) from error
-    begin = time.monotonic()
     if arguments.name == "all":
         jobs = [(name, arguments.seed, arguments.quick, False) for name in known]
         results = {
@@ -143,9 +143,9 @@ def _print_list(known, as_json: bool) -> None:
 
 
 def _print_result(name, experiment, found, brief: bool) -> None:
-    from mip_rt.lab.papers.report import number
+    from mip_rt.lab.papers.report import listed, number, published
 
-    print(f"{name}: {found['verdict']} ({', '.join(experiment.shows)}; {found['elapsed_s']:.0f} s)")
+    print(f"{name}: {found['verdict']} ({listed(experiment.shows) or experiment.title}; {found['elapsed_s']:.0f} s)")
     if brief:
         return
     width = max((len(row["what"]) for row in found["rows"]), default=0)
@@ -153,7 +153,7 @@ def _print_result(name, experiment, found, brief: bool) -> None:
         print(f"  {'':<{width}} {'ours':>10} {'published':>10}")
     for row in found["rows"]:
         print(
-            f"  {row['what']:<{width}} {number(row['ours'], row['digits']):>10} {number(row['published'], row['digits']):>10}  {row['verdict']}"
+            f"  {row['what']:<{width}} {number(row['ours'], row['digits']):>10} {published(row['published']):>10}  {row['verdict']}"
         )
     for claim in found["claims"]:
         print(f"  {'holds' if claim['holds'] else 'DOES NOT HOLD'}: {claim['text']}")

@@ -10,6 +10,7 @@ coefficients:
   inertial-lagrange    the derivation behind the paper's chapter 5 (rolling substituted before variation)
   printed              the digits of dissertation (5.32), (5.33), with their errors: 410 for 502, the missing rotation of the ball
                        rates in f9 and f10, pitch for roll in h2
+  flown                the printed digits as the robot author's program had them: 502, and roll in h2; the rotation is missing there, too
 
 Source: dissertation (5.31) to (5.33); corrected as section I.3 of the equations, coefficients in its table B.3.
 """
@@ -60,23 +61,27 @@ _TO_Y = np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0, -1.0, 1.0])
 # a1 -> a2 likewise, and the accelerometer's axes turn as well.
 _TO_ACCEL_X = -_TO_Y
 
-VARIANTS = ("exact", "inertial-lagrange", "printed")
+_FLOWN_BALL_COMMAND = 502.0  # the program's discrete row has 2.50624 a step of 5 ms
+VARIANTS = ("exact", "inertial-lagrange", "printed", "flown")
 
 
 def coefficients(p, variant: str = "exact"):
     """The coefficient set of a variant, (1,) record array of COEFFICIENTS.
 
     Args:
-        p: record of models.mbbr.PARAMETERS; not used for "printed", whose digits are what they are.
+        p: record of models.mbbr.PARAMETERS; not used for "printed" and "flown", whose digits are what they are.
         variant: one of VARIANTS.
     """
     c = np.zeros(1, COEFFICIENTS).view(np.recarray)
-    if variant == "printed":
-        c.tilt_x, c.ball_x = _PRINTED_TILT, _PRINTED_BALL
-        c.tilt_y, c.ball_y = _TO_Y * _PRINTED_TILT, _TO_Y * _PRINTED_BALL
+    if variant in ("printed", "flown"):
+        ball = np.array(_PRINTED_BALL)
+        if variant == "flown":
+            ball[2] = _FLOWN_BALL_COMMAND
+        c.tilt_x, c.ball_x = _PRINTED_TILT, ball
+        c.tilt_y, c.ball_y = _TO_Y * _PRINTED_TILT, _TO_Y * ball
         c.accel_y, c.accel_x = _PRINTED_ACCEL_Y, _TO_ACCEL_X * _PRINTED_ACCEL_Y
         c.spin = _PRINTED_SPIN
-        c.gyro_y_pitch = 1.0
+        c.gyro_y_roll, c.gyro_y_pitch = (1.0, 0.0) if variant == "flown" else (0.0, 1.0)
         return c
     if variant not in VARIANTS:
         raise ValueError(f"variant {variant!r} is none of {', '.join(VARIANTS)}")

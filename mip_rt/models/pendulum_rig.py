@@ -13,6 +13,7 @@ import numpy as np
 LEVER_M = 0.5
 GRAVITY_M_S2 = 9.816
 DT_S = 0.01
+FAST_S = 82.5  # Fig. 4 shows the onset of 4 Hz from 82.4 to 83.4 s
 
 
 @dataclass(frozen=True)
@@ -59,16 +60,16 @@ def hand(wanted, dt_s: float, corner_rad_s: float = 40.0):
 
 
 def protocol(time_s):
-    """(n,) angle that the hand wants, rad: rest to 20 s, sweeps of 20 deg to 60 s, swaying at 2 Hz from 60 s and at 4 Hz from 80 s, steps from 90 to 120 s.
+    """(n,) angle that the hand wants, rad: rest to 20 s, sweeps of 20 deg to 60 s, swaying at 2 Hz from 60 s and at 4 Hz from 82.5 s, steps from 90 to 120 s.
 
     The paper's pattern (Fig. 2); the amplitudes of the swaying (10 and 5 deg) are ours, read from the text's limits.
     """
     t = np.asarray(time_s, float)
     degrees = np.zeros_like(t)
-    sweep, sway, fast, steps = (t >= 20) & (t < 60), (t >= 60) & (t < 78), (t >= 80) & (t < 90), (t >= 90) & (t < 120)
+    sweep, sway, fast, steps = (t >= 20) & (t < 60), (t >= 60) & (t < 80), (t >= FAST_S) & (t < 90), (t >= 90) & (t < 120)
     degrees[sweep] = 20.0 * np.sin(2 * np.pi * 0.2 * (t[sweep] - 20))
     degrees[sway] = 10.0 * np.sin(2 * np.pi * 2.0 * (t[sway] - 60))
-    degrees[fast] = 5.0 * np.sin(2 * np.pi * 4.0 * (t[fast] - 80))
+    degrees[fast] = 5.0 * np.sin(2 * np.pi * 4.0 * (t[fast] - FAST_S))
     degrees[steps] = np.array([0.0, 15.0, 0.0, -15.0])[((t[steps] - 90) / 2.5).astype(int) % 4]
     return np.radians(degrees)
 

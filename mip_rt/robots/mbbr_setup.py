@@ -17,6 +17,7 @@ from mip_rt.robots.robot import BATTERY_HOLD_S, BATTERY_SMOOTHING_RAD_S, Robot, 
 ESTIMATORS = {
     "ekf": (robot.KIND_EKF, 0, None, True),
     "ekf_printed": (robot.KIND_EKF, 0, "printed", True),
+    "ekf_flown": (robot.KIND_EKF, 0, "flown", True),
     "kf": (robot.KIND_KF, 0, None, True),
     "kf_printed": (robot.KIND_KF, 0, None, False),
     "dmp_ekf": (robot.KIND_EKF, 1, None, True),

@@ -38,6 +38,15 @@ def test_published_coefficients(parameters, variant, column):
         assert c[name] == pytest.approx(wanted, rel=6e-5), name
 
 
+def test_flown_coefficients_are_the_robot_authors_discrete_model():
+    """A step of 5 ms as the author's program has it: phi'_x row 2.50624 u; gyro y = theta_y' + theta_x theta_z'; the ball's velocity does not rotate."""
+    c = mbbr_yaw.coefficients(None, "flown")[0]
+    assert 0.005 * c.ball_x[2] == pytest.approx(2.50624, rel=2e-3) and c.ball_y[2] == c.ball_x[2]
+    assert (c.gyro_y_roll, c.gyro_y_pitch) == (1.0, 0.0) and abs(c.ball_x[6]) < 0.01
+    printed = mbbr_yaw.coefficients(None, "printed")[0]
+    assert np.delete(c.ball_x, 2) == pytest.approx(np.delete(printed.ball_x, 2)) and c.tilt_x == pytest.approx(printed.tilt_x)
+
+
 def test_printed_coefficients_hold_the_printed_errors():
     c = mbbr_yaw.coefficients(None, "printed")[0]
     assert c.ball_x[2] == 410.0 and c.ball_x[6] == -0.0062

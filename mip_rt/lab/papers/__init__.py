@@ -4,12 +4,16 @@ import importlib
 
 MODULES = (
     "acc2018",
+    "parameters",
     "dissertation_geometry",
     "dissertation_motor",
     "dissertation_bridge",
     "dissertation_friction",
     "dissertation_simulation",
-    "dissertation_mocap",
+    "dissertation_compensation",
+    "dissertation_table61",
+    "dissertation_causes",
+    "dissertation_spin",
     "dissertation_driving",
     "omurchadha",
     "omurchadha_position",

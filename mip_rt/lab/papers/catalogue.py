@@ -13,25 +13,21 @@ class Paper(NamedTuple):
 PHOTO = "photograph"
 DRAWING = "drawing of the mechanism or the frames, no result"
 DIAGRAM = "block diagram, no result"
-INPUT = "parameters, an input of our models"
-SAME = "the same as in the ACC paper: acc-table-3"
+SYMBOLS = "list of symbols, no result"
 
 PAPERS = {
     "acc2018": Paper(
         "Sihite and Bewley, Attitude estimation of a high-yaw-rate Mobile Inverted Pendulum (ACC 2018)",
-        {"Table I": "list of symbols", "Table II": INPUT, "Fig. 1": PHOTO, "Fig. 2": DRAWING, "Fig. 3": DIAGRAM},
+        {"Table I": SYMBOLS, "Fig. 1": PHOTO, "Fig. 2": DRAWING, "Fig. 3": DIAGRAM},
     ),
     "dissertation": Paper(
         "Sihite, dissertation on the Micro Ball-Balancing Robot (UCSD 2019)",
         {
-            "Table 3.1": "list of symbols", "Table 3.2": INPUT, "Table 3.3": SAME, "Table 4.1": "list of symbols", "Table 4.2": "list of parts",
-            "Table 4.3": INPUT, "Table 5.1": "list of symbols", "Table 5.2": INPUT,
-            "Table 6.2": "gains, an input (config/mbbr.yaml, control.gain_sets); marginal on the corrected model",
-            "Table 6.3": "gains, an input; flown as printed beside ours in dissertation-figs-6.25-6.32",
+            "Table 3.1": SYMBOLS, "Table 4.1": SYMBOLS, "Table 4.2": "list of parts, no result", "Table 5.1": SYMBOLS,
             "Fig. 2.1": PHOTO, "Fig. 2.2": PHOTO, "Fig. 2.3": PHOTO, "Fig. 2.4": PHOTO, "Fig. 2.5": DRAWING, "Fig. 2.6": PHOTO,
-            "Fig. 2.7": "finite-element stress analysis of a part: none of our models", "Fig. 2.8": PHOTO, "Fig. 2.9": DRAWING, "Fig. 2.11": PHOTO,
-            "Fig. 3.1": PHOTO, "Fig. 3.2": DRAWING, "Fig. 3.3": DIAGRAM, "Fig. 3.4": SAME,
-            "Fig. 4.1": "circuit drawing", "Fig. 4.3": "drawing of the test stand", "Fig. 5.1": DRAWING, "Fig. 5.2": PHOTO,
+            "Fig. 2.7": "finite-element stress analysis of a part: none of our models", "Fig. 2.8": PHOTO, "Fig. 2.11": PHOTO,
+            "Fig. 3.1": PHOTO, "Fig. 3.2": DRAWING, "Fig. 3.3": DIAGRAM,
+            "Fig. 4.1": "circuit drawing, no result", "Fig. 4.3": "drawing of the test stand, no result", "Fig. 5.1": DRAWING, "Fig. 5.2": PHOTO,
             "Fig. 6.1": DIAGRAM, "Fig. 6.2": DIAGRAM, "Fig. 6.7": PHOTO,
         },
     ),
@@ -39,7 +35,7 @@ PAPERS = {
     "aoyagi-choi": Paper("Aoyagi and Choi, Angular Position Estimation of an Inverted Pendulum Using Low-Cost IMUs (2018)", {"Fig. 1": PHOTO}),
     "lee-jung": Paper(
         "Report on Lee and Jung, Gyro Sensor Drift Compensation by Kalman Filter",
-        {"Fig. 1": DRAWING, "Fig. 2": DRAWING, "Fig. 3": DIAGRAM, "Fig. 4": "circuit diagram", "Fig. 5": PHOTO},
+        {"Fig. 1": DRAWING, "Fig. 2": DRAWING, "Fig. 3": DIAGRAM, "Fig. 4": "circuit diagram, no result", "Fig. 5": PHOTO},
     ),
 }  # fmt: skip
 
@@ -66,9 +62,14 @@ class Entry(NamedTuple):
     reason: str
 
 
+def pairs(experiment) -> list:
+    """(paper, item) of everything that an experiment shows."""
+    return [*((experiment.paper, item) for item in experiment.shows), *experiment.also]
+
+
 def entries(experiments) -> list[Entry]:
     """Every numbered table and figure in the order of the papers; "not yet" where neither an experiment nor a reason exists."""
-    shown = {(e.paper, item): e.name for e in experiments.values() for item in e.shows}
+    shown = {pair: e.name for e in experiments.values() for pair in pairs(e)}
     found = []
     for paper, (tables, figures) in NUMBERED.items():
         for item in tables + [pattern.format(n) for pattern, first, last in figures for n in range(first, last + 1)]:

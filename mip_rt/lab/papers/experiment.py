@@ -7,6 +7,8 @@ import io
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class Row:
@@ -15,35 +17,47 @@ class Row:
     Attributes:
         what: which quantity, with its unit.
         ours: what came out.
-        published: the paper's number; None where it prints none.
-        within: relative difference that still counts as the same; None for a number that is only shown.
+        published: the paper's number, or the (lowest, highest) where it prints a range; None where it prints none.
+        within: relative difference that still counts as the same, also beyond a range; None for a number that is only shown.
         digits: significant digits to print.
+        by: absolute difference that still counts as the same, for what has a scale of its own, such as a share of 1.
+        cell: (table, line, column) where the report shows it in a table as the paper does; None for a line of its own.
     """
 
     what: str
     ours: float
-    published: float | None = None
+    published: float | tuple | None = None
     within: float | None = None
     digits: int = 3
-
-    @property
-    def ratio(self) -> float | None:
-        """Ours over published."""
-        return self.ours / self.published if self.published else None
+    by: float | None = None
+    cell: tuple | None = None
 
     @property
     def agrees(self) -> bool | None:
-        """Within the tolerance; None where nothing was to be compared."""
-        if self.within is None or self.published is None:
+        """In the published range, or within the tolerance; None where nothing was to be compared."""
+        if isinstance(self.published, tuple):
+            low, high = self.published
+            return bool(low * (1.0 - (self.within or 0.0)) <= self.ours <= high * (1.0 + (self.within or 0.0)))
+        if self.published is None or (self.within is None and self.by is None):
             return None
-        return bool(abs(self.ours - self.published) <= self.within * abs(self.published))
+        tolerance = self.by if self.within is None else self.within * abs(self.published)
+        return bool(abs(self.ours - self.published) <= tolerance)
 
     @property
     def verdict(self) -> str:
         """In words."""
         if self.agrees is None:
             return ""
-        return f"within {100 * self.within:g} %" if self.agrees else f"no: {self.ratio:.2f} times"
+        if isinstance(self.published, tuple):
+            inside = (
+                "in the range"
+                if self.published[0] <= self.ours <= self.published[1]
+                else f"within {100 * (self.within or 0.0):g} % of the range"
+            )
+            return inside if self.agrees else f"no: {self.ours / np.mean(self.published):.2f} times its middle"
+        if self.within is None:
+            return f"within {self.by:g}" if self.agrees else f"no: {self.ours - self.published:+.2g}"
+        return f"within {100 * self.within:g} %" if self.agrees else f"no: {self.ours / self.published:.2f} times"
 
 
 @dataclass(frozen=True)
@@ -103,7 +117,14 @@ class Result:
         return {
             "verdict": self.verdict,
             "rows": [
-                {"what": r.what, "ours": float(r.ours), "published": r.published, "digits": r.digits, "verdict": r.verdict}
+                {
+                    "what": r.what,
+                    "ours": float(r.ours),
+                    "published": r.published,
+                    "digits": r.digits,
+                    "verdict": r.verdict,
+                    "cell": r.cell,
+                }
                 for r in self.rows
             ],
             "claims": [{"text": c.text, "holds": bool(c.holds)} for c in self.claims],
@@ -122,6 +143,7 @@ class Experiment:
         paper: key of catalogue.PAPERS.
         shows: numbered tables and figures that it reproduces, as catalogue entries ("Table III").
         title: what is shown.
+        also: (paper, item) pairs of other papers that print the same.
         run: run(seed, quick, progress) -> Result, progress(done, total) optional to call.
     """
 
@@ -130,3 +152,4 @@ class Experiment:
     shows: tuple
     title: str
     run: Callable
+    also: tuple = ()

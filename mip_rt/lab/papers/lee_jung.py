@@ -83,8 +83,9 @@ def run(seed: int, quick: bool, progress) -> Result:
             difference = np.degrees(value - angle)[late]
             error[moving, name] = rms(difference), float(np.std(difference))
             where = "in motion" if moving else "at rest"
-            result.rows.append(Row(f"{where}, {name}: RMS error (deg)", error[moving, name][0]))
-            result.rows.append(Row(f"{where}, {name}: shakiness, standard deviation of the error (deg)", error[moving, name][1]))
+            for place, kind in enumerate(("RMS error", "shakiness, standard deviation of the error")):
+                cell = (f"{kind[0].upper()}{kind[1:]} (deg)", name, where)
+                result.rows.append(Row(f"{where}, {name}: {kind} (deg)", error[moving, name][place], digits=3, cell=cell))
     kalman, plain = "Kalman, angle and bias", [f"complementary, α = {a:g}" for a in ALPHAS]
     result.claims = [
         Claim(
@@ -118,12 +119,12 @@ def run(seed: int, quick: bool, progress) -> Result:
                 right.plot(t, np.degrees(found[name] - angle), color, lw=0.8, label=name)
             left.plot(t[part], np.degrees(angle[part]), "k", lw=1, label="actual")
             left.set(ylabel="Angle (deg)", title="in motion" if moving else "at rest")
-            right.set(ylabel="Error (deg)", ylim=(-6, 6))
+            right.set(ylabel="Error (deg)", ylim=(-6, 6), title=("in motion" if moving else "at rest") + ", error")
             for axes in (left, right):
                 axes.grid(alpha=0.3)
                 axes.set_xlabel("Time (s)")
-        panels[0, 0].legend(fontsize=7)
-        figure.tight_layout()
+        figure.tight_layout(rect=(0, 0.04, 1, 1))
+        figure.legend(*panels[0, 0].get_legend_handles_labels(), loc="lower center", ncol=5, fontsize=8, frameon=False)
 
     result.figures = [Figure("lee-jung-fig-6", "Fig. 6: complementary against Kalman filter", draw, (11, 7))]
     return result

@@ -66,11 +66,11 @@ def sense(x, random, body_acceleration: float = 0.0) -> np.ndarray:
     return clean + random.normal(size=3) * [TILT_NOISE, TILT_NOISE, GYRO_NOISE_RAD_S]
 
 
-def draw_states(figure, t, states, titles=("θ (rad)", "φ (rad)"), extra=()):
+def draw_states(figure, t, states, label="actual", extra=()):
     """Panels of wheel angle and lean over time; extra: (panel, values, label)."""
     panels = figure.subplots(2, 1, sharex=True)
-    for axes, column, title in zip(panels, (0, 1), titles):
-        axes.plot(t, states[:, column], "C0", label="actual")
+    for axes, column, title in zip(panels, (0, 1), ("θ (rad)", "φ (rad)")):
+        axes.plot(t, states[:, column], "C0", label=label)
         axes.set_ylabel(title)
         axes.grid(alpha=0.3)
     for panel, values, label in extra:
@@ -94,7 +94,7 @@ def free(seed: int, quick: bool, progress) -> Result:
         rows=[
             Row("period of the motion (s)", float(np.mean(np.diff(t[lows])))),
             Row("relative change of the energy", change, digits=2),
-            Row("largest lean (rad; 2π − 1 by energy)", states[:, 1].max(), 2 * np.pi - 1.0, 0.01),
+            Row("largest lean (rad; 2π − 1 = 5.28 by energy)", states[:, 1].max()),
         ],
         claims=[
             Claim(
@@ -138,7 +138,9 @@ def stabilise(seed: int, quick: bool, progress) -> Result:
         claims=[
             Claim("Fig. 3: LQR brings lean and wheel angle to zero", np.abs(by_lqr[-1]).max() < 0.1),
             Claim("Fig. 4: PID brings the lean to zero", abs(by_pid[-1, 1]) < 5e-3),
-            Claim("Fig. 4: θ is not controlled by the PID and runs away", abs(by_pid[-1, 0]) > 1.0),
+            Claim(
+                "Fig. 4: θ is not controlled by the PID: it ends more than a radian from where it began", abs(by_pid[-1, 0]) > 1.0
+            ),
             *(
                 Claim(f"{name} does not stabilise the corrected robot", not np.abs(path[-1, 1]) < 0.5)
                 for name, path in fell.items()
@@ -151,11 +153,12 @@ def stabilise(seed: int, quick: bool, progress) -> Result:
             ),
             Figure(
                 "omurchadha-fig-3-printed",
-                "The printed sign of (9), and a design on the printed (6)",
+                "Not in the paper: what (9) and (6) do as printed; both fall",
                 lambda f: draw_states(
                     f,
                     t,
                     as_printed,
+                    "τ = Kx, the printed sign of (9)",
                     extra=(
                         (0, by_printed_model[:, 0], "designed on the printed (6)"),
                         (1, by_printed_model[:, 1], "designed on the printed (6)"),
