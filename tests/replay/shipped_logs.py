@@ -30,21 +30,22 @@ FOLDER = Path(__file__).parent / "logs"
 LARGEST = 1_500_000  # bytes of all excerpts together
 LONGEST_S = 30.0  # of a scenario: what happens later is more of the same
 BEFORE, LENGTH = 4, 20  # ticks of a stretch before its moment and in all
+SHADOWS = 5  # estimators beside the one in control: a full state of each stands before every stretch
 FILLING = 12  # moments in even distances, where there is room
 
 
 def wanted() -> dict[str, tuple]:
     """{name of an excerpt: (configuration, name of the scenario)}: every scenario of every robot, and its other controllers standing still.
 
-    Where a robot has more estimators than there are slots, each excerpt leaves out others.
+    Where a robot has more estimators than SHADOWS, each excerpt leaves out others.
     """
     found = {}
     for robot in robots.NAMES:
         setup, shipped = robots.setup(robot), make_config(robot)
         names = [name for name in setup.ESTIMATORS if name != shipped.estimator.control]
         for number, scenario in enumerate(scenarios_of(robot)):
-            first = number * (frame.ESTIMATORS - 1) % len(names) if len(names) >= frame.ESTIMATORS else 0
-            shadows = (names[first:] + names[:first])[: frame.ESTIMATORS - 1]
+            first = number * SHADOWS % len(names)
+            shadows = (names[first:] + names[:first])[:SHADOWS]
             changes = {"estimator__shadows": f"[{', '.join(shadows)}]", "log__ring_s": str(LONGEST_S + 1.0)}
             found[f"{robot}-{scenario}"] = make_config(robot, **changes), scenario
         for controller in getattr(setup, "CONTROLLERS", ()):
