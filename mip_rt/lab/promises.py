@@ -100,7 +100,9 @@ def on_by_gesture_only(seen, config) -> int | None:
         if not enabled[k]:
             fell = k
             continue
-        presses = np.count_nonzero((seen.presses >= fell - 6) & (seen.presses <= k))
+        # The loop reads a press some ticks after it was made; one made while the loop hung, before the guard drops the line, when it runs again.
+        since = min([fell - 6, *(begin - 6 for begin, end in seen.stalled if begin <= fell <= end)])
+        presses = np.count_nonzero((seen.presses >= since) & (seen.presses <= k))
         if presses < (2 if faulted[fell:k].any() else 1):
             return int(k)
     return None
