@@ -28,6 +28,7 @@ class Wiring:
         self._connected = NOT_CONNECTED  # otherwise the number of exports by which the files' addresses are known
         self._records, self._show_counts, self._read_duties = pins.records(), direct(pins.show_counts), direct(pins.read_duties)
         self._span = span(self._records)
+        self._duty = self._counts = None  # the arrays of the last sample: always the same, and a look at where they are costs more than their use
         p = self._records[0]
         p["period_ns"] = 1e9 / config.motor.pwm_frequency_hz
         wheels = p["wheels"] = len(self._encoder_index)
@@ -40,7 +41,9 @@ class Wiring:
         if self._connected != self._sysfs.exports and not self._connect() or not self._enable_bank.level(self.enable_line[1]):
             duty[:] = 0.0
             return False
-        self._read_duties(*self._span, *span(duty))
+        if duty is not self._duty:
+            self._duty, self._duty_span = duty, span(duty)
+        self._read_duties(*self._span, *self._duty_span)
         return True
 
     def _connect(self) -> bool:
@@ -62,7 +65,9 @@ class Wiring:
 
     def show_encoders(self, counts) -> None:
         """Puts the wheels' counts into the counters."""
-        self._show_counts(*self._span, *span(counts))
+        if counts is not self._counts:
+            self._counts, self._counts_span = counts, span(counts)
+        self._show_counts(*self._span, *self._counts_span)
 
     def count_file(self, wheel: int):
         """The mapped file of a wheel's counter."""

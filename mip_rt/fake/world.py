@@ -62,6 +62,7 @@ class World:
         self._advance = partial(direct(plant.advance), *(number for array in self._arguments for number in span(array)))
         self._normals_at, self._normal_bytes = span(self._normals)[0], self._normals[0].nbytes
         self._truth_span = span(self.truth_rows)
+        self._duty = None  # that of the last sample: see fake.wiring
         s = self.state[0]
         self._held = np.asarray(self.state["held"])
         s.battery_v = self.parameters[0].battery_v
@@ -104,7 +105,9 @@ class World:
             self._random.standard_normal(out=self._normals)
         self.samples = samples = samples + 1
         self.truth_row = row = samples % TRUTH_ROWS
-        self._advance(self._normals_at + block_row * self._normal_bytes, NORMALS, *span(duty), enabled, *self._truth_span, row)
+        if duty is not self._duty:
+            self._duty, self._duty_span = duty, span(duty)
+        self._advance(self._normals_at + block_row * self._normal_bytes, NORMALS, *self._duty_span, enabled, *self._truth_span, row)
 
     def set(self, name: str, value) -> None:
         """Changes a parameter of the running world.
