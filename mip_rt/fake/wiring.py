@@ -28,6 +28,7 @@ class Wiring:
         self._connected = NOT_CONNECTED  # otherwise the number of exports by which the files' addresses are known
         self._records, self._show_counts, self._read_duties = pins.records(), direct(pins.show_counts), direct(pins.read_duties)
         self._span = span(self._records)
+        self._duty_span = self._counts_span = ()
         self._duty = self._counts = None  # the arrays of the last sample: always the same, and a look at where they are costs more than their use
         p = self._records[0]
         p["period_ns"] = 1e9 / config.motor.pwm_frequency_hz

@@ -62,7 +62,7 @@ class World:
         self._advance = partial(direct(plant.advance), *(number for array in self._arguments for number in span(array)))
         self._normals_at, self._normal_bytes = span(self._normals)[0], self._normals[0].nbytes
         self._truth_span = span(self.truth_rows)
-        self._duty = None  # that of the last sample: see fake.wiring
+        self._duty, self._duty_span = None, ()  # that of the last sample: see fake.wiring
         s = self.state[0]
         self._held = np.asarray(self.state["held"])
         s.battery_v = self.parameters[0].battery_v
