@@ -209,7 +209,7 @@ def serial_bits(injector, fault):
     """One bit of a frame."""
 
     def send(call, data):
-        if fault.strikes():
+        if data and fault.strikes():  # split frames may be empty
             changed = bytearray(data)
             at = fault.random.randrange(8 * len(changed))
             changed[at // 8] ^= 1 << at % 8

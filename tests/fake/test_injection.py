@@ -216,3 +216,11 @@ def test_what_a_long_pause_has_missed_is_made_up_for_in_one_wait():
     assert bench.kernel._next_ns > time.monotonic_ns() - 20_000_000
     devices.close()
     bench.close()
+
+
+def test_bits_of_split_frames_are_flipped(tmp_path):
+    """A split frame may be empty."""
+    both = [(3.0, "serial_split", {"for_s": 2.0}), (3.01, "serial_bits", {"for_s": 2.0, "probability": 1.0})]
+    with DryRun(tmp_path, scenario=script(*both)) as dry:
+        dry.run(6.0)
+        assert [entry.name for entry in dry.bench.injector.journal] == ["serial_split", "serial_bits"]
