@@ -218,9 +218,10 @@ def test_what_a_long_pause_has_missed_is_made_up_for_in_one_wait():
     bench.close()
 
 
-def test_bits_of_split_frames_are_flipped(tmp_path):
+@pytest.mark.parametrize("names", [("serial_split", "serial_bits"), ("serial_bits", "serial_split")])
+def test_bits_of_split_frames_are_flipped(tmp_path, names):
     """A split frame may be empty."""
-    both = [(3.0, "serial_split", {"for_s": 2.0}), (3.01, "serial_bits", {"for_s": 2.0, "probability": 1.0})]
+    both = [(3.0 + 0.01 * i, name, {"for_s": 2.0} if name == "serial_split" else {"for_s": 2.0, "probability": 1.0}) for i, name in enumerate(names)]
     with DryRun(tmp_path, scenario=script(*both)) as dry:
         dry.run(6.0)
-        assert [entry.name for entry in dry.bench.injector.journal] == ["serial_split", "serial_bits"]
+        assert [entry.name for entry in dry.bench.injector.journal] == list(names)
