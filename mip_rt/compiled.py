@@ -150,6 +150,12 @@ def direct(function, *types):
     return machine_code.function(name, types, CACHE_FOLDER, lambda: (Function(adapted, (), _options({"cache": False})).dispatcher, scalars))
 
 
+def address_of(function) -> int:
+    """The address of an @entry function of machine words, of C's kind: for compiled code that calls by address (see `call`). Not in plain Python."""
+    name = f"{function.__module__}.{function.__qualname__}"
+    return machine_code.c_function(name, CACHE_FOLDER, lambda: (Function(function.py_func, (), _options({"cache": False})).dispatcher, list(function.types)))
+
+
 def _with_addresses(function, types):
     """A Python function that takes address and length of each array, and calls `function` with the arrays."""
     if all(isinstance(kind, str) for kind in types):

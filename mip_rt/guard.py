@@ -21,7 +21,7 @@ import time
 
 from mip_rt import realtime
 from mip_rt.errors import MipRtError
-from mip_rt.guard_words import BEAT, DROPPED, GUARD_BEAT, REQUEST, WORDS_BYTES, age, stamp
+from mip_rt.guard_words import WORDS_BYTES, stamp, time_left
 from mip_rt.hardware.gpio import OutputLines
 
 LOOK_S = 0.020  # the guard looks, and beats itself, at least so often
@@ -33,29 +33,22 @@ class Guard:
     Args:
         words: four unsigned 32-bit words, shared with a `guard_client.GuardClient`.
         timeout_s: largest age of the loop's heartbeat.
+
+    Attributes:
+        timeout: the same in the words' units.
     """
 
     def __init__(self, words, timeout_s: float):
         self._words = words
-        self._timeout = stamp(round(timeout_s * 1e9))
+        self.timeout = stamp(round(timeout_s * 1e9))
         self._look = stamp(round(LOOK_S * 1e9))
         self._wait = self._look
 
     def step(self, now_ns: int) -> int:
         """Level of the line at this time, 0 or 1."""
-        words = self._words
-        now = stamp(now_ns)
-        words[GUARD_BEAT] = now
-        request = words[REQUEST]  # serial number of the request, and in the lowest bit whether the line is wanted
-        self._wait = self._look
-        if not request & 1 or words[DROPPED] == request:
-            return 0
-        left = self._timeout - age(now, words[BEAT])
-        if left < 0:
-            words[DROPPED] = request
-            return 0
-        self._wait = min(left + 1, self._look)
-        return 1
+        left = time_left(self._words, self.timeout, now_ns)
+        self._wait = self._look if left < 0 else min(left + 1, self._look)
+        return int(left >= 0)
 
     @property
     def wait_ms(self) -> float:

@@ -17,12 +17,6 @@ def stamp(now_ns: int) -> int:
     return now_ns >> 10 & MASK
 
 
-def age(now: int, then: int) -> int:
-    """Units of 1.024 us from one stamp to another; negative where `then` is later. Right within 36 minutes."""
-    difference = now - then & MASK
-    return difference - (MASK + 1) if difference & HALF else difference
-
-
 def beat(words, memory, now_ns):
     """The loop has come so far at this time; returns the status. Also compiled, as part of `inputs.gather`.
 
@@ -40,3 +34,24 @@ def beat(words, memory, now_ns):
         else:
             memory[STATUS] = OK
     return memory[STATUS]
+
+
+def time_left(words, timeout, now_ns):
+    """The guard looks: how much longer the loop's heartbeat is good for, in the words' units; -1 where the line must be low. Also compiled.
+
+    Args:
+        words: four unsigned 32-bit words, shared with the loop.
+        timeout: largest age of its heartbeat.
+    """
+    now = now_ns >> 10 & MASK
+    words[GUARD_BEAT] = now
+    request = words[REQUEST]  # serial number of the request, and in the lowest bit whether the line is wanted
+    if not request & 1 or words[DROPPED] == request:
+        return -1
+    age_of_beat = now - int(words[BEAT]) & MASK
+    if age_of_beat & HALF:  # it is younger than this look
+        age_of_beat -= MASK + 1
+    if age_of_beat > timeout:
+        words[DROPPED] = request
+        return -1
+    return timeout - age_of_beat

@@ -116,9 +116,11 @@ class Loop:
     def _look(self, now_ns: int) -> None:
         """Takes what remote and button have sent; also while the IMU is silent, for what waits unread would look new later."""
         devices = self.devices
-        if self._arrivals.poll(0):
+        for fd, _ in self._arrivals.poll(0):
+            if fd == devices.button.fd:
+                if devices.button.read() is not None:
+                    self.supervisor.press()
+                continue
             devices.remote.receive(now_ns)
             if devices.remote.heading_reset():
                 self.supervisor.request_heading_reset()
-            if devices.button.read() is not None:
-                self.supervisor.press()

@@ -42,15 +42,30 @@ def function(name: str, types, folder, compiled):
     """
     # All types are written in hashed sources: what must be told apart are the uses of one function within them.
     layout = " ".join(kind if isinstance(kind, str) else f"{kind.itemsize} {kind.descr}" for kind in types)
-    path = folder and folder / f"{name}-{hashlib.sha256(layout.encode()).hexdigest()[:16]}{SUFFIX}"
+    address = _linked(f"{name}-{hashlib.sha256(layout.encode()).hexdigest()[:16]}", folder, compiled, _wrap_for_python)
+    description = MethodDef(name.encode(), address, METH_FASTCALL, None)
+    _kept.append(description)
+    make = ctypes.pythonapi.PyCFunction_NewEx
+    make.restype, make.argtypes = ctypes.py_object, (ctypes.POINTER(MethodDef), ctypes.c_void_p, ctypes.c_void_p)
+    return make(ctypes.byref(description), None, None)
+
+
+def c_function(name: str, folder, compiled) -> int:
+    """The address of a function of C's kind, int f(size_t, ...): what compiled code calls by address. Arguments as for `function`."""
+    return _linked(f"{name}-c", folder, compiled, _wrap_for_c)
+
+
+def _linked(name, folder, compiled, wrap) -> int:
+    """Address of the wrapper that `wrap` builds, from the folder's file or compiled and kept there."""
+    path = folder and folder / f"{name}{SUFFIX}"
     code = _read(path)
     if code is not None:
-        return _link(name, code)
-    code = _object_code(*compiled())
-    made = _link(name, code)
+        return _link(code)
+    code = _object_code(*compiled(), wrap)
+    address = _link(code)
     if path:
         _write(path, code)
-    return made
+    return address
 
 
 def _read(path):
@@ -91,20 +106,17 @@ def _llvm():
     return llvm, llvm.Target.from_triple(llvm.get_process_triple())
 
 
-def _link(name, code):
+def _link(code) -> int:
     llvm, target = _llvm()
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), target.create_target_machine(codemodel="jitdefault", jit=True))
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
-    description = MethodDef(name.encode(), engine.get_function_address(WRAPPER), METH_FASTCALL, None)
-    _kept.append((engine, description))
-    make = ctypes.pythonapi.PyCFunction_NewEx
-    make.restype, make.argtypes = ctypes.py_object, (ctypes.POINTER(MethodDef), ctypes.c_void_p, ctypes.c_void_p)
-    return make(ctypes.byref(description), None, None)
+    _kept.append(engine)
+    return engine.get_function_address(WRAPPER)
 
 
-def _object_code(function, argument_types) -> bytes:
-    """Object code of numba's function for these types and of its wrapper."""
+def _object_code(function, argument_types, wrap) -> bytes:
+    """Object code of numba's function for these types and of the wrapper that `wrap` builds."""
     from numba.core import types
     from numba.core.compiler_lock import global_compiler_lock
     from numba.core.registry import cpu_target
@@ -117,7 +129,7 @@ def _object_code(function, argument_types) -> bytes:
         library = context.codegen().create_library(WRAPPER)
         library.enable_object_caching()
         module = library.create_ir_module(WRAPPER)
-        _build_wrapper(context, module, result.fndesc)
+        wrap(context, module, result.fndesc)
         library.add_ir_module(module)
         library.add_linking_library(result.library)
         library.finalize()
@@ -134,7 +146,22 @@ def _refuse_numbas_own(library, function) -> None:
         raise RuntimeError(f"{function.py_func.__name__} cannot be kept as machine code: it calls {', '.join(unknown)}")
 
 
-def _build_wrapper(context, module, description) -> None:
+def _wrap_for_c(context, module, description) -> None:
+    """int wrapper(size_t, ...). Whatever numba's function would raise becomes -1."""
+    from llvmlite import ir
+    from numba.core import types
+
+    word = context.get_value_type(types.uintp)
+    wrapper = ir.Function(module, ir.FunctionType(ir.IntType(32), [word] * len(description.argtypes)), WRAPPER)
+    builder = ir.IRBuilder(wrapper.append_basic_block())
+    function = context.declare_function(module, description)
+    status, value = context.call_conv.call_function(builder, function, description.restype, description.argtypes, wrapper.args)
+    with builder.if_then(status.is_error, likely=False):
+        builder.ret(ir.Constant(ir.IntType(32), -1))
+    builder.ret(builder.trunc(value, ir.IntType(32)) if value.type.width > 32 else value)
+
+
+def _wrap_for_python(context, module, description) -> None:
     """PyObject *wrapper(PyObject *self, PyObject **arguments, Py_ssize_t count): numbers in, a number or None out."""
     from llvmlite import ir
     from numba.core import types

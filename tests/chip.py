@@ -1,6 +1,7 @@
 """The register-level IMU as a driver's kernel, on virtual time."""
 
-from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250
+from mip_rt.fake.i2c_bus import FakeI2cBus
+from mip_rt.fake.mpu9250 import FakeMpu9250
 
 
 class Clock:

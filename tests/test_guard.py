@@ -74,7 +74,9 @@ def test_line_is_high_only_while_asked_and_beating(start_us, actions):
 @given(st.integers(0, 2**40), st.integers(-(2**30), 2**30))
 def test_age_survives_the_wrap_of_its_clock(then, difference):
     """Prevents a drop (or none) each 73 minutes, when the 32-bit stamp starts again."""
-    assert guard_words.age((then + difference) & guard_words.MASK, then & guard_words.MASK) == difference
+    words = [then & guard_words.MASK, 1, 0, 0]  # a beat then, the line wanted
+    left = guard_words.time_left(words, 1000, then + difference << 10)
+    assert left == (1000 - difference if difference <= 1000 else -1) and words[guard_words.DROPPED] == (difference > 1000)
 
 
 def test_guard_wakes_when_the_heartbeat_would_be_too_old():

@@ -5,12 +5,14 @@ from pathlib import Path
 
 from mip_rt import guard_client, robots
 from mip_rt.fake.entrance import Entrance
+from mip_rt.fake.i2c_bus import FakeI2cBus
 from mip_rt.fake.injection import Injector
-from mip_rt.fake.kernel import FALLING, FakeKernel
+from mip_rt.fake.kernel import FakeKernel
 from mip_rt.fake.machine import Machine
-from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256
+from mip_rt.fake.mpu9250 import FakeMpu9250, stand_in_image, stand_in_sha256
 from mip_rt.fake.operator import Operator
 from mip_rt.fake.remote import FakeRemote
+from mip_rt.fake.usual_sample import FALLING
 from mip_rt.fake.virtual_guard import VirtualGuard
 from mip_rt.fake.wiring import Wiring
 from mip_rt.fake.world import World
@@ -67,7 +69,7 @@ def build(config, scenario, seed: int, real_time: bool, machine: Machine | None 
     else:
         guard = kernel.guard = VirtualGuard(kernel, (GPIO[pins.enable[0]], pins.enable[1]), config.limits.guard_timeout_s)
     kernel.chip = FakeMpu9250(kernel.monotonic_ns)
-    kernel.bus = FakeI2cBus(kernel.chip, config.imu.address, kernel.charge if real_time else None)
+    kernel.bus = FakeI2cBus(kernel.chip, config.imu.address, kernel.charge if real_time else None, compiled=not real_time)
     kernel.world = world
     kernel.imu_line = (GPIO[pins.imu_interrupt[0]], pins.imu_interrupt[1])
     kernel.motor_wiring = Wiring(config, pins, kernel.sysfs, kernel.gpio)
@@ -75,7 +77,11 @@ def build(config, scenario, seed: int, real_time: bool, machine: Machine | None 
     image = folder / "dmp-stand-in.bin"
     image.write_bytes(stand_in_image())
     bench = Bench(kernel, machine, guard, world, remote, folder, image, stand_in_sha256(), config_path)
+    if not real_time:
+        world.attach(guard, kernel.motor_wiring, kernel.chip)
+        kernel.attach_usual()
     bench.injector = Injector(bench, seed)
+    kernel.taps = bench.injector.taps
     kernel.operator = Operator(
         scenario, config.remote.levels, world, remote.send, lambda now_ns: kernel.gpio.push_edge(*button, now_ns, FALLING), bench.injector
     )

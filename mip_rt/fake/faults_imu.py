@@ -5,7 +5,7 @@ import errno
 import math
 import struct
 
-from mip_rt.fake.mpu9250 import I2C_READ
+from mip_rt.fake.i2c_bus import I2C_READ
 from mip_rt.hardware import mpu9250_registers as r
 
 _AXES = {"x": 0, "y": 2, "z": 4}

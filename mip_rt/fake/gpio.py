@@ -31,12 +31,20 @@ _LOCKS = [struct.pack("<hhxxxxqqixxxx", fcntl.F_WRLCK, os.SEEK_SET, offset, 1, 0
 
 
 class _Events:
-    """An input line held by a driver of this process: the reading end of a pipe, which buffers about as many events as the kernel."""
+    """An input line held by a driver of this process: the reading end of a pipe, which buffers about as many events as the kernel.
 
-    def __init__(self, layout):
+    Attributes:
+        fd: the driver's end.
+        line: the writing end, edges.Line.
+    """
+
+    def __init__(self, event_bytes: int, offset: int):
+        # Only who listens pays for them: the guard's process, which drives a line, stays small.
+        from mip_rt.fake.edges import Line
+
         self.fd, self._mine = os.pipe2(os.O_NONBLOCK | os.O_CLOEXEC)
         fcntl.fcntl(self._mine, fcntl.F_SETPIPE_SZ, 4096)
-        self._layout, self.sequence = layout, 0
+        self.line = Line(self._mine, event_bytes, offset)
         self._held = select.poll()
         self._held.register(self._mine, 0)
 
@@ -44,18 +52,6 @@ class _Events:
     def held(self) -> bool:
         """The driver still has its descriptor open."""
         return not self._held.poll(0)
-
-    def push(self, timestamp_ns: int, edge: int, offset: int) -> bool:
-        """Puts an event into the buffer; False where the driver is gone or the buffer full."""
-        self.sequence += 1
-        try:
-            if self._layout is EVENT_V2:
-                os.write(self._mine, EVENT_V2.pack(timestamp_ns, edge, offset, self.sequence, self.sequence))
-            else:
-                os.write(self._mine, EVENT_V1.pack(timestamp_ns, edge))
-        except OSError:
-            return False
-        return True
 
     def close(self) -> None:
         """Nobody will push any more."""
@@ -100,11 +96,15 @@ class FakeGpio:
         root: folder that stands for "/"; processes with the same root see the same output lines.
         abi: 2 for the newer ABI (the older works, too), 1 where the newer is refused as on Linux before 5.10.
         held: (bank address, offset) of lines that kernel drivers hold.
+
+    Attributes:
+        pushed: an edge was pushed since somebody has set this to False.
     """
 
     def __init__(self, root, abi: int = 2, held=()):
         self._root, self._abi, self._held = Path(root), abi, held
         self._banks = {}
+        self.pushed = True
         self._events = {}
         self._outputs = {}  # (bank, offsets) by descriptor
 
@@ -142,14 +142,14 @@ class FakeGpio:
             raise OSError(errno.EINVAL, "padding is not zero")
         values = struct.unpack_from("<Q", argument, 328)[0] if attributes else 0
         offsets = struct.unpack_from(f"<{count}I", argument, 0)
-        made = self._make(self._address(fd), offsets, values, flags, EVENT_V2)
+        made = self._make(self._address(fd), offsets, values, flags, EVENT_V2.size)
         struct.pack_into("<i", argument, 588, made)
         return 0
 
     def _get_line_v1(self, fd, request, argument) -> int:
         if request == GET_LINEEVENT_V1:
-            offset, _, edges = struct.unpack_from("<III", argument, 0)
-            made = self._make(self._address(fd), (offset,), 0, edges << 4, EVENT_V1)
+            offset, _, wanted = struct.unpack_from("<III", argument, 0)
+            made = self._make(self._address(fd), (offset,), 0, wanted << 4, EVENT_V1.size)
             struct.pack_into("<i", argument, 44, made)
             return 0
         (count,) = struct.unpack_from("<I", argument, 356)
@@ -158,7 +158,7 @@ class FakeGpio:
         struct.pack_into("<i", argument, 360, self._make(self._address(fd), offsets, values, OUTPUT, None))
         return 0
 
-    def _make(self, address, offsets, values, flags, layout) -> int:
+    def _make(self, address, offsets, values, flags, event_bytes) -> int:
         bank = self.bank(address)
         for offset in offsets:
             taken = self._events.get((address, offset))
@@ -170,7 +170,7 @@ class FakeGpio:
             return fd
         if (address, offsets[0]) in self._events:
             self._events[address, offsets[0]].close()
-        request = _Events(layout)
+        request = _Events(event_bytes, offsets[0])
         self._events[address, offsets[0]] = request
         return request.fd
 
@@ -189,7 +189,13 @@ class FakeGpio:
         request = self._events.get((address, offset))
         if request is None:
             return False
-        return request.push(timestamp_ns, edge, offset)
+        self.pushed = True
+        return request.line.push(timestamp_ns, edge)
+
+    def events_of(self, address: str, offset: int):
+        """The edges.Line of an input line; None where nobody listens."""
+        request = self._events.get((address, offset))
+        return request and request.line
 
     def line_value(self, address: str, offset: int) -> int:
         """Level of a line: what is driven, or 0 (pulled down) where nobody holds it."""

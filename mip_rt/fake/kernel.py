@@ -12,11 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from mip_rt.fake.usual_sample import EDGE, FALLING, NO_ROOM, UNUSUAL
 from mip_rt.fake.world import TRUTH_ROWS
 from mip_rt.hardware.kernel import Kernel
+from mip_rt.hardware.line_events import BUFFERED
 
 SAMPLE_NS = 5_000_000
-FALLING = 2
 CATCH_UP_S = 0.2  # one wait may make up for lost samples so long: a machine too slow for the world keeps its loop alive, which can be stopped
 
 
@@ -36,6 +37,8 @@ class FakeKernel(Kernel):
     def __init__(self, root: Path, real_time: bool):
         self.root = Path(root)
         self._real = real_time
+        if real_time:
+            self.monotonic_ns = time.monotonic_ns
         self.start_ns = time.monotonic_ns() if real_time else 1_000_000_000
         self._now_ns = self.start_ns
         self._next_ns = self.start_ns + SAMPLE_NS
@@ -43,9 +46,10 @@ class FakeKernel(Kernel):
         self._poll = select.poll()
         self._polled = set()
         self.fake_ns = np.zeros((TRUTH_ROWS, 2), np.int64)
-        self._fake_row = 0
+        self._fake_row = self._own = 0
+        self._watched = ()
         self.world = self.chip = self.operator = self.entrance = self.sysfs = self.gpio = self.bus = None
-        self.imu_line = self.motor_wiring = self.guard = None
+        self.imu_line = self.motor_wiring = self.guard = self.taps = None
 
     def power_on(self) -> None:
         """The world's time begins now: in real time, what was compiled and loaded before does not count."""
@@ -55,8 +59,8 @@ class FakeKernel(Kernel):
 
     # -- what drivers call -------------------------------------------------------------------------------------------
     def monotonic_ns(self) -> int:
-        """The machine's clock, or the virtual one."""
-        return time.monotonic_ns() if self._real else self._now_ns
+        """The virtual clock, or the machine's: then this is the system's own function."""
+        return self._now_ns
 
     def ioctl(self, fd, request, argument, mutate=True):
         """GPIO only."""
@@ -77,7 +81,7 @@ class FakeKernel(Kernel):
             self._poll.register(fd, select.POLLIN)
             self._polled.add(fd)
         now_ns = self.monotonic_ns()
-        if self._next_ns > now_ns and self._poll.poll(0):
+        if self._next_ns > now_ns and self.gpio.pushed and self._poll.poll(0):
             return True
         deadline_ns = now_ns + round(timeout_s * 1e9)
         while True:
@@ -94,7 +98,16 @@ class FakeKernel(Kernel):
 
     def waiter(self, line, timeout_s: float):
         """As the real kernel's."""
-        return lambda: line.take() if self.wait_readable(line.fd, timeout_s) else 0
+        gpio = self.gpio
+
+        def wait():
+            if not self.wait_readable(line.fd, timeout_s):
+                return 0
+            taken = line.take()
+            gpio.pushed = taken >= BUFFERED  # more may wait
+            return taken
+
+        return wait
 
     def sample_of(self, edge_ns: int) -> int:
         """Number of the world's sample that raised the edge with this timestamp."""
@@ -124,30 +137,65 @@ class FakeKernel(Kernel):
 
     def _sample(self) -> bool:
         """One IMU sample: the world moves up to it, then its moment comes, then the chip takes it; True where its driver got an edge."""
-        due_ns, real, world = self._next_ns, self._real, self.world
-        if self.guard is not None:  # on virtual time it lives in here
-            self.guard.step(due_ns)
-        duty = world.duty
-        enabled = self.motor_wiring.read(duty)
+        due_ns, real, world, wiring = self._next_ns, self._real, self.world, self.motor_wiring
+        usual = self._line() if self._watched else None
+        if usual:
+            enabled, watchers = wiring.enable_is_high, self.taps.changes
+        else:
+            enabled = self._see_duties(due_ns)
         now_s = (due_ns - self.start_ns) * 1e-9
         if self.entrance is not None:
             self.entrance.serve(now_s, due_ns)
         self.operator.sample(now_s, due_ns, enabled)
-        world.advance(duty, enabled)
-        self.motor_wiring.show_encoders(world.counts)
+        found = UNUSUAL
+        if usual:
+            if self.taps.changes == watchers:
+                found = world.usual_sample(usual.address, due_ns)
+            if found == UNUSUAL:
+                enabled = self._see_duties(due_ns)
+        if found == UNUSUAL:
+            world.advance(world.duty, enabled)
+            wiring.show_encoders(world.counts)
         if world.samples % 40 == 1:
-            self.motor_wiring.show_battery(world.battery_raw)
+            wiring.show_battery(world.battery_raw)
         self._next_ns = due_ns + SAMPLE_NS
         if not real:
             if due_ns > self._now_ns:
                 self._now_ns = due_ns
-            return self.chip.sample(world.packet, world.raw) and self.gpio.push_edge(*self.imu_line, due_ns, FALLING)
+            if found < NO_ROOM:
+                return self._take_sample(due_ns)
+            self.gpio.pushed = True
+            return found == EDGE
         self.wait_until(due_ns)
         begin = time.perf_counter_ns()
-        fell = self.chip.sample(world.packet, world.raw) and self.gpio.push_edge(*self.imu_line, due_ns, FALLING)
+        fell = self._take_sample(due_ns)
         self._fake_row = world.truth_row
         self.fake_ns[self._fake_row] = time.perf_counter_ns() - begin, 0
         return fell
+
+    def attach_usual(self) -> None:
+        """From now on usual samples are compiled, on virtual time. A method that is replaced makes an object's dictionary grow, by which it is noticed."""
+        self._watched = tuple(vars(part) for part in (self.chip, self.gpio, self.world, self.motor_wiring, self.guard))
+        self._own = sum(map(len, self._watched))
+
+    def _line(self):
+        """The edges.Line of the IMU's interrupt where the next sample is a usual one, as far as can be seen here; otherwise None."""
+        chip, gpio, world, wiring, guard = self._watched
+        if len(chip) + len(gpio) + len(world) + len(wiring) + len(guard) != self._own:
+            return None
+        if not self.chip.may_be_usual or not self.guard.alive or not self.motor_wiring.connected():
+            return None
+        return self.gpio.events_of(*self.imu_line)
+
+    def _see_duties(self, due_ns: int) -> bool:
+        """The guard's look on virtual time, then what the motor drivers see; whether they are enabled."""
+        if self.guard is not None:
+            self.guard.step(due_ns)
+        return self.motor_wiring.read(self.world.duty)
+
+    def _take_sample(self, due_ns: int) -> bool:
+        """The chip takes what the world shows; True where its driver got an edge."""
+        return self.chip.sample(self.world.packet, self.world.raw) and self.gpio.push_edge(*self.imu_line, due_ns, FALLING)
 
     def charge(self, spent_ns: int) -> None:
         """Books time that a fake took inside the present tick."""

@@ -14,8 +14,8 @@ import math
 
 import numpy as np
 
-from mip_rt.compiled import entry, njit
-from mip_rt.fake import plant
+from mip_rt.compiled import entry, njit, records_at
+from mip_rt.fake import plant, usual_sample
 from mip_rt.models import friction, mbbr
 from mip_rt.robots.robot import orthonormal
 
@@ -213,7 +213,7 @@ def advance_records(p, s, normal, duty, enabled, truth):
             continue
         _motors(p, s, plant.delay_slot(p, step))
         _rk4(p, s, dt)
-        if not math.cos(s.x[0]) * math.cos(s.x[1]) > math.cos(p.tip_limit_rad):
+        if not abs(s.x[0]) + abs(s.x[1]) <= p.tip_limit_rad and not math.cos(s.x[0]) * math.cos(s.x[1]) > math.cos(p.tip_limit_rad):
             s.held = 2
     if s.held != 0:
         s.battery_v = p.battery_v - p.battery_fade_v_s * s.time_s
@@ -232,6 +232,27 @@ def advance(parameters, state, normal, duty, enabled, truth, row):
         truth: (rows,) TRUTH; row `row` is written.
     """
     advance_records(parameters[0], state[0], normal, duty, enabled, truth[row])
+
+
+@entry("uintp", "uintp", "int64", "uintp", "int64")
+def sample(parts_at, normals_at, row, line_at, due_ns):
+    """The whole of a usual sample; returns usual_sample.UNUSUAL, MOVED, NO_ROOM or EDGE.
+
+    Args:
+        parts_at: address of a usual_sample.PARTS.
+        normals_at: of NORMALS random numbers.
+        row: of the truth.
+        line_at: of the interrupt line's edges.LINE.
+        due_ns: time of the sample.
+    """
+    parts = records_at(parts_at, 1, usual_sample.PARTS)[0]
+    enabled = usual_sample.begin(parts, due_ns)
+    if enabled < 0:
+        return np.int64(usual_sample.UNUSUAL)
+    parameters, state = records_at(parts.parameters, 1, PARAMETERS)[0], records_at(parts.state, 1, STATE)[0]
+    normal, duty = records_at(normals_at, plant.NORMALS, np.float64), records_at(parts.duty, WHEELS, np.float64)
+    advance_records(parameters, state, normal, duty, enabled, records_at(parts.truth, row + 1, TRUTH)[row])
+    return usual_sample.end(parts, line_at, due_ns)
 
 
 def configure(p, config) -> None:

@@ -63,10 +63,9 @@ else:
         _C_FTRUNCATE(np.int32(fd), np.intp(length))
 
 
-@entry(PINS, np.dtype("i8"))
-def show_counts(pins, counts):
-    """Shows counts (wheels,): unsigned 32 bits for the counter subsystem, signed for tieqep. Only changes are written."""
-    p = pins[0]
+@njit
+def show(p, counts):
+    """`show_counts` on a record."""
     for i in range(p.wheels):
         if counts[i] == p.shown[i]:
             continue
@@ -83,15 +82,20 @@ def show_counts(pins, counts):
             p.length[i] = length
 
 
+@entry(PINS, np.dtype("i8"))
+def show_counts(pins, counts):
+    """Shows counts (wheels,): unsigned 32 bits for the counter subsystem, signed for tieqep. Only changes are written."""
+    show(pins[0], counts)
+
+
 @njit
 def _pulse(address):
     return number(records_at(np.uint64(address), TEXT, np.uint8), TEXT)[0]
 
 
-@entry(PINS, np.dtype("f8"))
-def read_duties(pins, duty):
-    """Fills duty (wheels,) with the signed duties by wheel: two PWM, two lines and a PWM, or one line and a PWM."""
-    p = pins[0]
+@njit
+def see_duties(p, duty):
+    """`read_duties` on a record."""
     for i in range(p.wheels):
         pulse = _pulse(p.duty_at[i])
         if p.back_at[i] != 0:
@@ -103,3 +107,9 @@ def read_duties(pins, duty):
             duty[i] = (a - b) * p.sign[i] * pulse / p.period_ns
         else:
             duty[i] = p.sign[i] * (pulse / p.period_ns - b)
+
+
+@entry(PINS, np.dtype("f8"))
+def read_duties(pins, duty):
+    """Fills duty (wheels,) with the signed duties by wheel: two PWM, two lines and a PWM, or one line and a PWM."""
+    see_duties(pins[0], duty)

@@ -20,6 +20,7 @@ class VirtualGuard(GuardClient):
 
     Attributes:
         alive: False after the guard was killed.
+        timeout: largest age of the loop's heartbeat, in the units of guard_words.
     """
 
     def __init__(self, kernel, line, timeout_s: float):
@@ -27,7 +28,7 @@ class VirtualGuard(GuardClient):
         super().__init__(words, timeout_s)
         self._kernel, self._guard = kernel, Guard(words, timeout_s)
         self._line = OutputLines(kernel, line[0], (line[1],), 0, "mip-rt enable")
-        self.alive = True
+        self.alive, self.timeout = True, self._guard.timeout
 
     def step(self, now_ns: int) -> None:
         """The guard looks at its words."""

@@ -37,9 +37,28 @@ class Wiring:
         files = [self.count_file(wheel) for wheel in range(wheels)]
         p["count_at"][:wheels], p["count_fd"][:wheels] = [file.address for file in files], [file.fd for file in files]
 
+    @property
+    def level_at(self) -> int:
+        """Address of the enable line's level."""
+        return self._enable_bank.address + self.enable_line[1]
+
+    @property
+    def enable_is_high(self) -> bool:
+        """The enable line's level, while its holder is known to live."""
+        return self._enable_bank.levels[self.enable_line[1]] == 1
+
+    @property
+    def pins_at(self) -> int:
+        """Address of what compiled code needs: pins.PINS."""
+        return self._span[0]
+
+    def connected(self) -> bool:
+        """The driver has made all files and lines; they are known from then on."""
+        return self._connected == self._sysfs.exports or self._connect()
+
     def read(self, duty) -> bool:
         """Fills duty (wheels,) with the signed duties by wheel that the drivers see; returns whether they are enabled."""
-        if self._connected != self._sysfs.exports and not self._connect() or not self._enable_bank.level(self.enable_line[1]):
+        if not self.connected() or not self._enable_bank.level(self.enable_line[1]):
             duty[:] = 0.0
             return False
         if duty is not self._duty:

@@ -12,7 +12,10 @@ from functools import partial
 import numpy as np
 
 from mip_rt.compiled import direct, plain, span
+from mip_rt.fake import usual_sample
 from mip_rt.fake.plant import NORMALS
+from mip_rt.fake.usual_sample import UNUSUAL
+from mip_rt.hardware.compiled_io import MOST
 
 BLOCK = 1024  # samples of random numbers drawn at a time
 TRUTH_ROWS = 4096
@@ -52,7 +55,7 @@ class World:
         self.state = np.zeros(1, plant.STATE).view(np.recarray)
         self.truth = np.zeros(TRUTH_ROWS, plant.TRUTH).view(np.recarray)
         self.truth_row = 0
-        self.samples = 0
+        self.samples = self._drawn = 0
         self._normals = self._random.standard_normal((BLOCK, NORMALS))
         self._adc = (config.battery.ratio, config.battery.offset_v)
         _configure(self.parameters[0], config)
@@ -68,7 +71,8 @@ class World:
         s.battery_v = self.parameters[0].battery_v
         self.packet = memoryview(np.asarray(s.packet)).cast("B")
         self.counts = np.asarray(s.count)
-        self.duty = np.zeros(plant.WHEELS)
+        self._wires = np.zeros(MOST)
+        self.duty = self._wires[: plant.WHEELS]
         self.raw = memoryview(np.asarray(s.raw)).cast("B")[:14]
         self.lean_rad = config.dry_run.initial_lean_rad
         self.hold()
@@ -99,15 +103,39 @@ class World:
 
     def advance(self, duty, enabled: bool) -> None:
         """One sample: duty is a (wheels,) float64 array of signed duties by wheel."""
-        samples = self.samples
-        block_row = samples % BLOCK
-        if block_row == 0 and samples:
-            self._random.standard_normal(out=self._normals)
-        self.samples = samples = samples + 1
-        self.truth_row = row = samples % TRUTH_ROWS
+        normals_at, row = self._next()
+        self.samples += 1
+        self.truth_row = row
         if duty is not self._duty:
             self._duty, self._duty_span = duty, span(duty)
-        self._advance(self._normals_at + block_row * self._normal_bytes, NORMALS, *self._duty_span, enabled, *self._truth_span, row)
+        self._advance(normals_at, NORMALS, *self._duty_span, enabled, *self._truth_span, row)
+
+    def _next(self) -> tuple[int, int]:
+        """Where the next sample's random numbers are, and its row of the truth."""
+        samples = self.samples
+        block_row = samples % BLOCK
+        if block_row == 0 and samples != self._drawn:
+            self._random.standard_normal(out=self._normals)
+            self._drawn = samples
+        return self._normals_at + block_row * self._normal_bytes, (samples + 1) % TRUTH_ROWS
+
+    def attach(self, guard, wiring, chip) -> None:
+        """The parts that `usual_sample` reaches."""
+        self._parts = usual_sample.parts(guard, wiring, self, chip)
+        self._usual = partial(direct(self.plant.sample), span(self._parts)[0])
+
+    def usual_sample(self, line_at: int, due_ns: int) -> int:
+        """One sample and all that belongs to it, see fake.usual_sample; UNUSUAL where nothing was done.
+
+        Args:
+            line_at: address of the interrupt line's edges.LINE.
+        """
+        normals_at, row = self._next()
+        found = self._usual(normals_at, row, line_at, due_ns)
+        if found != UNUSUAL:
+            self.samples += 1
+            self.truth_row = row
+        return found
 
     def set(self, name: str, value) -> None:
         """Changes a parameter of the running world.

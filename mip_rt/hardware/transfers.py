@@ -20,7 +20,9 @@ class Entry:
     """Where compiled code makes the transfers of one bus: see `transfer`.
 
     Args:
-        bus: with `transfer(prepared)`; where it also has `fd`, a prepared transfer is the address of the kernel's structure.
+        bus: with `transfer(prepared)`. Where it also has `fd`, a prepared transfer is the address of the kernel's structure. Where it has
+            `shortcut`, it answers (function, bus) of its own, to be used in place of the callback whose address it is told; a prepared transfer
+            that such a function may see has a number of its own, `handle`.
 
     Attributes:
         function: address of an ioctl(bus, I2C_RDWR, handle); what refuses answers -1 and sets errno, or minus another errno.
@@ -28,19 +30,22 @@ class Entry:
     """
 
     def __init__(self, bus):
-        self._bus, self._prepared, self._trouble = bus, [], None
+        self._bus, self._prepared, self._trouble = bus, {}, None
         if hasattr(bus, "fd"):
             self.function, self.bus = ctypes.cast(ctypes.CDLL(None).ioctl, ctypes.c_void_p).value, bus.fd
             return
         self._callback = _FUNCTION(self._call)
         self.function, self.bus = ctypes.cast(self._callback, ctypes.c_void_p).value, 0
+        if hasattr(bus, "shortcut"):
+            self.function, self.bus = bus.shortcut(self.function)
 
     def handle(self, prepared) -> int:
         """Last argument for this transfer."""
         if hasattr(self._bus, "fd"):
             return prepared
-        self._prepared.append(prepared)
-        return len(self._prepared) - 1
+        handle = getattr(prepared, "handle", len(self._prepared))
+        self._prepared[handle] = prepared
+        return handle
 
     def _call(self, _, __, handle: int) -> int:
         try:

@@ -11,8 +11,9 @@ from collections import Counter
 from mip_rt.config import default_path, load
 from mip_rt.errors import MipRtError
 from mip_rt.fake.gpio import FakeGpio
+from mip_rt.fake.i2c_bus import FakeI2cBus
 from mip_rt.fake.machine import Machine
-from mip_rt.fake.mpu9250 import FakeI2cBus, FakeMpu9250, stand_in_image, stand_in_sha256
+from mip_rt.fake.mpu9250 import FakeMpu9250, stand_in_image, stand_in_sha256
 from mip_rt.fake.virtual_guard import VirtualGuard
 from mip_rt.guard_words import NEWEST
 from mip_rt.hardware.boards import GPIO

@@ -33,6 +33,7 @@ class RemoteCommand:
         self._levels, self._idle = levels, levels[0]
         self._start_was_down = self._heading_reset = False
         self.state = dead_man.fresh(port is None, settings.timeout_s, settings.ramp_s)
+        self._state = memoryview(self.state).cast("B")
         self.update = partial(direct(dead_man.step_at), self.state.ctypes.data)
 
     def receive(self, now_ns: int) -> None:
@@ -44,7 +45,7 @@ class RemoteCommand:
             return
         decoder = self._decoder
         yaw_rate, limit = self._levels.get(decoder.buttons, self._idle)
-        self.state["heard"], self.state["frame_ns"], self.state["wanted"] = 1, now_ns, (decoder.y * limit, -decoder.x * limit, yaw_rate)
+        dead_man.FRAME.pack_into(self._state, 0, 1, now_ns, decoder.y * limit, -decoder.x * limit, yaw_rate)
         down = decoder.start_select != 0
         if down and not self._start_was_down:
             self._heading_reset = True

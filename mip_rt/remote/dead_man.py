@@ -5,6 +5,7 @@ notice a lost Bluetooth link, so only the age of the last valid frame counts.
 """
 
 import math
+import struct
 
 import numpy as np
 
@@ -24,6 +25,7 @@ STATE = np.dtype(
     ],
     align=True,
 )
+FRAME = struct.Struct("=qq3d")  # its first three fields
 
 
 @njit

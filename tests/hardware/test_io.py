@@ -161,7 +161,7 @@ def test_dropped_events_are_counted_by_sequence(newest):
     line = InputEvents(newest, GPIO[3], 21, "falling", "test")
     newest.gpio.push_edge(GPIO[3], 21, 1, 2)
     line.read()
-    newest.gpio._events[GPIO[3], 21].sequence += 4  # the kernel's buffer ran over
+    newest.gpio.events_of(GPIO[3], 21).sequence += 4  # the kernel's buffer ran over
     newest.gpio.push_edge(GPIO[3], 21, 9, 2)
     assert line.read() == (9, 2, 5) and line.missed == 4
 
@@ -172,10 +172,10 @@ def test_what_was_before_the_beginning_is_not_missed(newest):
     for moment in (1, 2, 3):
         newest.gpio.push_edge(GPIO[3], 21, moment, 2)
     line.forget()
-    newest.gpio._events[GPIO[3], 21].sequence += 90
+    newest.gpio.events_of(GPIO[3], 21).sequence += 90
     newest.gpio.push_edge(GPIO[3], 21, 9, 2)
     assert line.read() == (9, 2, 1) and line.missed == 0
-    newest.gpio._events[GPIO[3], 21].sequence += 1
+    newest.gpio.events_of(GPIO[3], 21).sequence += 1
     newest.gpio.push_edge(GPIO[3], 21, 10, 2)
     assert line.read() == (10, 2, 2) and line.missed == 1
 

@@ -80,8 +80,9 @@ def test_no_row_is_torn_while_the_writer_runs_at_full_speed(tmp_path):
     writer.start()
     try:
         with LiveRing(tmp_path / "a.ring") as live:
-            seen, end = 0, time.monotonic() + 1.0
-            while time.monotonic() < end:
+            seen, begun = 0, time.monotonic()
+            # How many rows stay whole while they are read is the scheduler's choice: a busy machine only takes longer.
+            while (seen <= 100 or time.monotonic() < begun + 1.0) and time.monotonic() < begun + 60.0:
                 for row in live.since(0):
                     assert (row["imu_packet"] == row["tick"] % 251).all() and row["sequence"] == row["tick"] + 1
                     seen += 1
