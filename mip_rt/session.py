@@ -31,6 +31,7 @@ ABSORB_EVERY = 64  # ticks between looks of the summary: some 0.1 ms of work
 ABSORB_EVERY_VIRTUAL = 1024  # on virtual time nothing is late, and fewer looks are cheaper
 CHECK_EVERY = 20  # ticks between pre-arm checks
 RECOVER_AFTER_S = 1.0  # without a good packet while the motors are off: the IMU is reset, and again after as long
+_BALANCING = State.BALANCING  # looked up in every tick, and an enumeration's members are found slowly
 BOOT_TIMEOUTS = 40  # silent waits in a row before a start is given up
 
 
@@ -119,7 +120,7 @@ class Session:
         self._imu_good_ns = None  # newest good packet, or attempt to get one, since the motors are off
         self._absorbed, self._absorb_every = 0, ABSORB_EVERY
         self.loop_s = math.nan
-        self._in_fault = False
+        self._state = None  # as last noticed
 
     def run(self, duration_s: float, stop: Stop, live=None, real_time: bool = True, service=None) -> dict:
         """Turns the loop for `duration_s` (or until stopped); returns the summary. The motors are off afterwards, however it ends."""
@@ -142,14 +143,13 @@ class Session:
             begin_s = time.perf_counter()
             while not stop.requested and kernel.monotonic_ns() < end_ns:
                 ticked = loop.tick()
-                self._notice_fault(loop.ticks)
                 if service is not None:
                     service.turn(self, ticked)
                 if not ticked:
                     silent += 1
                     if silent > BOOT_TIMEOUTS and loop.ticks == 0:
                         raise MipRtError("the IMU sends no interrupts.", "Run mip-rt doctor.", "imu_no_interrupt")
-                    self._show_leds()
+                    self._notice_state(loop.ticks)
                     self._recover_imu()
                     continue
                 silent = 0
@@ -179,12 +179,15 @@ class Session:
         recorded = self.recorder.summary()
         return self.ring.path if lasting or not recorded or not recorded["recorded"] else self.recorder.folder
 
-    def _notice_fault(self, tick: int) -> None:
-        """Tells the recorder when the supervisor enters FAULT."""
-        if (self.supervisor.state is State.FAULT) != self._in_fault:
-            self._in_fault = not self._in_fault
-            if self._in_fault:
-                self.ring.report_fault(self.supervisor.fault.number, tick)
+    def _notice_state(self, tick: int) -> None:
+        """Where the supervisor has entered another state: shows it at the LEDs, and tells the recorder of a FAULT."""
+        state = self.supervisor.state
+        if state is self._state:
+            return
+        self._state = state
+        self.devices.leds.show(state in (State.ARMING, State.BALANCING))
+        if state is State.FAULT:
+            self.ring.report_fault(self.supervisor.fault.number, tick)
 
     @property
     def tipped(self) -> bool:
@@ -202,8 +205,9 @@ class Session:
             self._absorb(tick + 1)
         if tick % recorder_process.LOOK_EVERY == 0:
             self.recorder.look()
-        self._show_leds()
-        if state is State.BALANCING:
+        if state is not self._state:
+            self._notice_state(tick + 1)
+        if state is _BALANCING:
             self._imu_good_ns = None
             return
         now_ns = self.kernel.monotonic_ns()
@@ -219,9 +223,6 @@ class Session:
         if tick % CHECK_EVERY == 0:
             self.refusals = self.prearm.check(now_ns * 1e-9, state is not State.BOOT, self._rate_hz(tick))
             self.supervisor.refusals = sum(refusal.check.bit for refusal in self.refusals)
-
-    def _show_leds(self) -> None:
-        self.devices.leds.show(self.supervisor.state in (State.ARMING, State.BALANCING))
 
     def _calibrate(self, row, now_s: float) -> None:
         measured = row["gyro_rad_s"] + row["gyro_bias_rad_s"]

@@ -10,7 +10,7 @@ import math
 from mip_rt.errors import ConfigError
 
 FRAME_EVERY = 4  # IMU samples between frames of the remote: 20 ms, 50 frames a second
-FRAME_AT = 0  # which of them
+FRAME_AT = 2  # which of them: between two looks of the loop, which would wait for a kernel that still carries the bytes through the pty
 BUTTONS = {"none": 0, "triangle": 1, "circle": 2, "cross": 4, "square": 8}
 START_SELECT = 2
 RECOVER_EVERY = 240  # samples between presses of a recovery: acknowledge, arm; engaging takes half a second
@@ -66,7 +66,7 @@ class Operator:
         if self._recoveries and world.samples >= self._recover_at:
             self._recover(now_ns, enabled)
         self._enabled = enabled
-        if enabled and world.held and not self._gripped:
+        if world.held and enabled and not self._gripped:
             world.release()
         if world.samples % FRAME_EVERY == FRAME_AT and self._send is not None and now_s >= self.quiet_until_s:
             self._send(self._x, self._y, BUTTONS[self._level.button], self._start_select)
