@@ -5,7 +5,9 @@ import os
 import platform
 import resource
 import shutil
+from pathlib import Path
 
+import numpy
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -26,6 +28,16 @@ def pytest_report_header() -> str:
     versions = ", ".join(f"{name} {importlib.metadata.version(name)}" for name in names)
     compiled = "not compiled" if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0") else "compiled"
     return f"{platform.machine()}, {versions}, {compiled}"
+
+
+def pytest_collection_modifyitems(items):
+    """What `robot_packages` marks is run once in .ci/run, with the packages that it is about."""
+    system = Path("/etc/os-release")
+    debian_12 = system.exists() and {"ID=debian", 'VERSION_ID="12"'} <= set(system.read_text().split())
+    if debian_12 and not numpy.__file__.startswith("/usr/lib/python3/"):
+        for item in items:
+            if item.get_closest_marker("robot_packages"):
+                item.add_marker(pytest.mark.skip(reason="about the robot's packages: tools/test --debian runs it"))
 
 
 @pytest.fixture(autouse=True)

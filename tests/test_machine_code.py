@@ -143,6 +143,7 @@ def test_a_second_start_does_not_import_numba(robot, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.robot_packages
 def test_after_warm_up_nothing_that_the_robot_needs_is_missing(tmp_path):
     """Everything that is not simulated is in the cache: a start then keeps only what the fakes need."""
     assert "kept in" in run(tmp_path, "warm-up").stdout

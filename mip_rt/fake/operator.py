@@ -66,7 +66,7 @@ class Operator:
         if self._recoveries and world.samples >= self._recover_at:
             self._recover(now_ns, enabled)
         self._enabled = enabled
-        if world.held and enabled and not self._gripped:
+        if enabled and world.held and not self._gripped:
             world.release()
         if world.samples % FRAME_EVERY == FRAME_AT and self._send is not None and now_s >= self.quiet_until_s:
             self._send(self._x, self._y, BUTTONS[self._level.button], self._start_select)

@@ -44,7 +44,6 @@ class World:
         duty: (wheels,) where the boundary puts the signed duties that the motor drivers see.
         packet: 32 bytes, the DMP's packet of the newest sample, in the chip's form.
         raw: 14 bytes, accelerometer, temperature and gyro registers.
-        held: True while in the operator's hands; a robot that lies is not.
         counts: (wheels,) int64 encoder counts by wheel, wiring signs included.
         truth: (TRUTH_ROWS,) ring of the plant's TRUTH, row `truth_row` is the newest; `truth_rows` is the same as a plain array.
     """
@@ -68,6 +67,7 @@ class World:
         self._truth_span = span(self.truth_rows)
         self._duty, self._duty_span = None, ()  # that of the last sample: see fake.wiring
         s = self.state[0]
+        self._held = np.asarray(self.state["held"])
         s.battery_v = self.parameters[0].battery_v
         self.packet = memoryview(np.asarray(s.packet)).cast("B")
         self.counts = np.asarray(s.count)
@@ -81,14 +81,18 @@ class World:
         """The operator picks the robot up and holds it at the configured lean."""
         s = self.state[0]
         s.held = 1
-        self.held = True
         self.plant.hold(s, self.lean_rad)
 
     def release(self) -> None:
         """The operator lets go; a robot that lies stays down."""
-        if self.held:
-            self.state[0].held = 0
-            self.held = False
+        s = self.state[0]
+        if s.held == 1:
+            s.held = 0
+
+    @property
+    def held(self) -> bool:
+        """True while in the operator's hands."""
+        return self._held[0] == 1
 
     @property
     def battery_raw(self) -> int:

@@ -12,6 +12,7 @@ INSTALL = CHECKOUT / "tools/install"
 BOARD = "beaglebone-black-cape"
 QUICK = ("--board", BOARD, "--no-warm-up")
 ACCOUNTS = {f"etc/{name}" for name in ("passwd", "group", "shadow", "gshadow", "passwd-", "group-", "shadow-", "gshadow-", "subuid", "subgid", ".pwd.lock")}
+pytestmark = pytest.mark.robot_packages
 needs_sandbox = pytest.mark.skipif(bool(why_not()), reason=f"tools/install cannot be tried on a copy of this machine: {why_not()}")
 
 

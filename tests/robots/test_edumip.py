@@ -8,6 +8,7 @@ from helpers import DryRun, make_config
 
 from mip_rt import frame
 from mip_rt.config import scenario as scenarios
+from mip_rt.lab import batch, bench
 from mip_rt.log import open as open_log
 from mip_rt.robots import edumip_setup
 from mip_rt.supervisor import State
@@ -111,13 +112,14 @@ def test_fifteen_radians_a_second(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["dmp_ekf", "inertial_ekf"])
-@pytest.mark.parametrize("scenario", ["hold", "spin-5-rad-s", "spin-10-rad-s", "spin-15-rad-s"])
-def test_ten_seeds_of_a_minute(tmp_path, scenario, estimator):
+def test_ten_seeds_of_a_minute(estimator):
     """Acceptance: never falls with full noise and IMU offset; the place is held within 2 cm."""
-    for seed in range(1, 11):
-        report = dry_run(tmp_path, scenario, seed, 60.0, estimator__control=estimator)
-        assert stands(report), seed
-        assert scenario != "hold" or report["position_error_max_m"] < 0.02, seed
+    overrides = {"estimator.shadows": "[]", "estimator.control": estimator}
+    names = ("hold", "spin-5-rad-s", "spin-10-rad-s", "spin-15-rad-s")
+    jobs = [(overrides, scenario, seed, 60.0, "edumip") for scenario in names for seed in range(1, 11)]
+    for job, report in zip(jobs, batch.results(bench.work, jobs), strict=True):
+        assert stands(report) and report["ticks"] == 12000, job
+        assert job[1] != "hold" or report["position_error_max_m"] < 0.02, job
 
 
 def test_lever_arm_is_what_the_filters_of_the_paper_lack(tmp_path):
