@@ -63,8 +63,9 @@ class Summary:
             (*STAGES, "fakes"), (wake - edge - fakes[:, 0], read - wake - fakes[:, 1], step - read, write - step, write - edge - both, both)
         ):
             self.latency_ns[stage].append(values.astype(np.int32))
-        for number in np.unique(rows["fault"][rows["state"] == State.FAULT]):
-            code = FAULT_BY_NUMBER[int(number)].code
+        # Not np.unique: at its first call numpy imports its masked arrays, which makes a tick wait.
+        for number in sorted(set(rows["fault"][rows["state"] == State.FAULT].tolist())):
+            code = FAULT_BY_NUMBER[number].code
             if code not in self.faults:
                 self.faults.append(code)
         balancing = (rows["state"] == State.BALANCING) & (rows["request"] & frame.REQUEST_ENGAGED != 0)

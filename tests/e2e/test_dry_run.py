@@ -138,6 +138,29 @@ def test_help_and_config_do_not_import_numba():
         assert result.stdout
 
 
+def test_nothing_is_imported_while_the_loop_runs(tmp_path):
+    """Prevents a tick that waits for the disk: arming, balancing, driving, a fall, and what lies between the ticks."""
+    code = (
+        "import sys; from pathlib import Path; import mip_rt.fake.faults_process\n"
+        "from helpers import DryRun, make_config\n"
+        "from mip_rt.config import scenario as scenarios\n"
+        "events = [{'at_s': 2.0, 'press': 'arm'}, {'at_s': 4.0, 'yaw_rate_hz': 0.5, 'speed_m_s': [0.1, 0.0]}, {'at_s': 6.0, 'fault': 'pushed', 'rate_rad_s': 9.0}]\n"
+        "script = scenarios.loads(repr({'description': 'a fall', 'duration_s': 8.0, 'events': events}))\n"
+        "with DryRun(Path(sys.argv[1]), make_config(), script) as dry:\n"
+        "    end, modules = dry.session.supervisor.shut_down, []\n"
+        "    dry.session.supervisor.shut_down = lambda: modules.append(set(sys.modules)) or end()\n"
+        "    dry.session.recorder.start = lambda: modules.append(set(sys.modules))\n"
+        "    report = dry.run(8.0)\n"
+        "assert report['faults'] and report['balanced_s'] > 2.0, report\n"
+        "print(sorted(modules[1] - modules[0]))"
+    )
+    paths = os.pathsep.join(map(str, (ROOT, ROOT / "tests")))
+    result = subprocess.run(
+        [sys.executable, "-c", code, tmp_path], capture_output=True, text=True, cwd=ROOT, check=False, env={**os.environ, "PYTHONPATH": paths}
+    )
+    assert result.stdout.strip() == "[]", result.stdout + result.stderr
+
+
 @pytest.mark.timing
 def test_warm_start_is_quick(tmp_path):
     """Start of the process to the end of a run of a tenth of a second."""
