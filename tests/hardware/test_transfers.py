@@ -33,9 +33,10 @@ def made(entry, prepared):
 
 
 def test_the_kernels_refusal_is_its_errno():
+    emulated = os.environ.get("MIP_RT_EMULATED")  # QEMU answers requests that it does not know itself, without a look at the descriptor
     with open(os.devnull, "rb") as file:
-        assert made(Entry(KernelBus(file.fileno())), 0) == errno.ENOTTY
-    assert made(Entry(KernelBus(1 << 20)), 0) == errno.EBADF
+        assert made(Entry(KernelBus(file.fileno())), 0) == (errno.ENOSYS if emulated else errno.ENOTTY)
+    assert made(Entry(KernelBus(1 << 20)), 0) == (errno.ENOSYS if emulated else errno.EBADF)
 
 
 @pytest.mark.parametrize("answer", [0, errno.EREMOTEIO, errno.ETIMEDOUT])
