@@ -94,10 +94,8 @@ def _llvm():
     """(llvmlite's linker, a machine for it)."""
     import llvmlite.binding as llvm
 
-    try:
+    with contextlib.suppress(AttributeError, RuntimeError):  # a newer one does that by itself
         llvm.initialize()
-    except RuntimeError:  # a newer one does that by itself
-        pass
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     for name, (library, helper) in HELPERS.items():

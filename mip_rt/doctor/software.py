@@ -43,8 +43,8 @@ def _packages():
             missing.append(name)
     if missing:
         return fail("packages", f"missing: {', '.join(missing)}.",
-                    "sudo apt install python3-numpy python3-numba python3-smbus2 python3-yaml python3-serial (Debian 12; Debian 13 has no numba for "
-                    "32-bit ARM: use Debian 12).")  # fmt: skip
+                    "sudo apt install python3-numpy python3-numba python3-smbus2 python3-yaml python3-serial (Debian 13 has no numba for 32-bit ARM: "
+                    "sudo tools/install builds it).")  # fmt: skip
     return ok("packages", f"Python {sys.version.split()[0]}, {', '.join(found)}.")
 
 
@@ -78,7 +78,7 @@ def compiler_check(code: int, text: str):
                     "On 32-bit ARM LLVM aborts where it takes the CPU for a generic one: set NUMBA_CPU_NAME=cortex-a8.")  # fmt: skip
     if "No module named" in last:
         return fail("compiler", f"a package is missing: {last.rstrip('.')}.",
-                    "sudo apt install python3-numba; Debian 13 has none for 32-bit ARM: use Debian 12.")  # fmt: skip
+                    "sudo apt install python3-numba; Debian 13 has none for 32-bit ARM: sudo tools/install builds it.")  # fmt: skip
     return fail("compiler", f"numba does not work: {last.rstrip('.')}.", "Reinstall: sudo apt install --reinstall python3-numba python3-llvmlite.")
 
 
