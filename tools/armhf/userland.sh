@@ -1,7 +1,8 @@
 # Builds and enters a Debian 12 armhf userland: the robot's Python packages on an emulated 32-bit ARM. Sourced by tools/test-armhf
-# after lib.sh. Sets and uses $userland; functions that enter it need mount_userland first.
+# after lib.sh. Sets and uses $userland, $suite and $userland_packages; functions that enter it need mount_userland first.
 
 userland=${MIP_RT_ARMHF_ROOT:-${XDG_CACHE_HOME:-$HOME/.cache}/mip-rt-armhf}
+suite=bookworm
 plugin_folder=/opt/mip-rt-counting
 userland_packages="python3-numba python3-numpy python3-smbus2 python3-yaml python3-serial python3-pytest python3-hypothesis"
 # Numba's LLVM aborts on a 32-bit ARM processor that it does not know, as the emulated one; the BeagleBone's is a Cortex-A8.
@@ -36,20 +37,20 @@ mount_userland() {
 # inside COMMAND...: runs it in the userland, in the copy of the checkout.
 inside() { chroot "$userland" /usr/bin/env -i -C /mip-rt "${userland_settings[@]}" "$@"; }
 
-# bootstrap_userland: a minimal Debian 12 for 32-bit ARM, where there is none yet. About 3 minutes.
+# bootstrap_userland: a minimal Debian for 32-bit ARM, where there is none yet. About 3 minutes.
 bootstrap_userland() {
   local mirror
   if [ -x "$userland/usr/bin/dpkg-query" ] && [ ! -d "$userland/debootstrap" ]; then return; fi
   mirror=$(debian_mirror)
-  say "building a Debian 12 armhf userland in $userland (about 5 minutes, 1 GB)"
+  say "building a Debian armhf userland ($suite) in $userland (about 5 minutes, 1 GB)"
   # A build that was cut short cannot be continued. Nothing is mounted there: this namespace is new.
   rm -rf --one-file-system "$userland"
   mkdir -p "$userland"
-  quietly "debootstrap, stage 1" debootstrap --arch=armhf --variant=minbase --foreign bookworm "$userland" "$mirror" || fail "no userland"
+  quietly "debootstrap, stage 1" debootstrap --arch=armhf --variant=minbase --foreign $suite "$userland" "$mirror" || fail "no userland"
   cp "$(command -v qemu-arm-static)" "$userland/usr/bin/"
   mkdir -p "$userland/etc/apt/apt.conf.d" "$userland/etc/ssl/certs"
   quietly "debootstrap, stage 2" chroot "$userland" /debootstrap/debootstrap --second-stage || fail "no userland"
-  echo "deb $mirror bookworm main" >"$userland/etc/apt/sources.list"
+  echo "deb $mirror $suite main" >"$userland/etc/apt/sources.list"
   # How this machine reaches the mirror (proxies, checks) holds inside too.
   apt-config dump | grep -E '^Acquire::(http|https|Check|Retries)' >"$userland/etc/apt/apt.conf.d/90mip-rt" || true
 }
