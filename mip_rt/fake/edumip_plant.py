@@ -166,15 +166,7 @@ def advance(parameters, state, normal, duty, enabled, truth, row):
 
 @entry("uintp", "uintp", "int64", "uintp", "int64")
 def sample(parts_at, normals_at, row, line_at, due_ns):
-    """The whole of a usual sample; returns usual_sample.UNUSUAL, MOVED, NO_ROOM or EDGE.
-
-    Args:
-        parts_at: address of a usual_sample.PARTS.
-        normals_at: of NORMALS random numbers.
-        row: of the truth.
-        line_at: of the interrupt line's edges.LINE.
-        due_ns: time of the sample.
-    """
+    """The whole of a usual sample; as `fake.mbbr_plant.sample`, on this plant's records."""
     parts = records_at(parts_at, 1, usual_sample.PARTS)[0]
     enabled = usual_sample.begin(parts, due_ns)
     if enabled < 0:
